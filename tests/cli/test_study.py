@@ -143,7 +143,18 @@ def test_a_study_may_do_without_mu_and_told_policies_and_makes_damaged_files_aga
 
 def test_a_task_and_a_policy_of_another_one_are_refused(program, tmp_path):
     program.json(
-        "train", "--model", "soft_bar", "--task", "whip", "--steps", 768, "--no-plan", "--out", "whip.safetensors", folder=tmp_path, seconds=300
+        "train",
+        "--model",
+        "soft_bar",
+        "--task",
+        "whip",
+        "--steps",
+        768,
+        "--no-plan",
+        "--out",
+        "whip.safetensors",
+        folder=tmp_path,
+        seconds=300,
     )
     done = program("evaluate", "--model", "soft_bar", "--task", "place_tip", "--policy", "whip.safetensors", folder=tmp_path)
     assert done.returncode == 2 and "whip.safetensors" in done.stderr and "trained for the goal `whip`" in done.stderr, done.stderr

@@ -4,7 +4,23 @@ import json
 import signal
 import time
 
-SMALL = ["--objects", "dlo_0", "--seeds", 2, "--steps", 768, "--history", 2, "--no-plan", "--episodes", 4, "--repeats", 2, "--evidence", "1:2x40"]
+SMALL = [
+    "--objects",
+    "dlo_0",
+    "--seeds",
+    2,
+    "--steps",
+    768,
+    "--history",
+    2,
+    "--no-plan",
+    "--episodes",
+    4,
+    "--repeats",
+    2,
+    "--evidence",
+    "1:2x40",
+]
 
 
 def frames_of(path):

@@ -23,6 +23,8 @@ const FALL: f64 = 0.5;
 /// Schedule of a training.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Schedule {
+    /// Steps before this schedule: those of a training that ended with a flat curve, and goes on.
+    from: u64,
     /// Most steps.
     most: u64,
     /// Steps at which the learning rate begins to fall.
@@ -34,9 +36,22 @@ pub struct Schedule {
 impl Schedule {
     /// Schedule at the start of a training.
     pub fn of(settings: &Settings) -> Self {
+        Self::after(0, settings)
+    }
+
+    /// Schedule of the rest of a training after `from` steps.
+    fn after(from: u64, settings: &Settings) -> Self {
         let most = settings.total_steps;
-        let fall_from = if settings.ends_when_flat { (most as f64 * (1.0 - FALL)) as u64 } else { 0 };
-        Self { most, fall_from, flat_at: None }
+        let stays = if settings.ends_when_flat { 1.0 - FALL } else { 0.0 };
+        let fall_from = from + (most.saturating_sub(from) as f64 * stays) as u64;
+        Self { from, most, fall_from, flat_at: None }
+    }
+
+    /// Schedule with which a training goes on after `steps`: this one, or after its end with a flat curve another one for what is left of the most
+    /// steps, with the learning rate of the start. A curve may be flat for a while.
+    #[must_use]
+    pub fn resumed(self, steps: u64, settings: &Settings) -> Self {
+        if self.flat_at.is_some() && steps >= self.most { Self::after(steps, settings) } else { self }
     }
 
     /// Steps at which the training ends, as far as is known.
@@ -57,9 +72,10 @@ impl Schedule {
 
     /// Looks whether the curve is flat after `steps`. If it is, the learning rate begins to fall.
     pub fn look(&mut self, steps: u64, curve: &[CurvePoint]) {
-        if self.flat_at.is_none() && steps < self.fall_from && steps >= EARLIEST && is_flat(curve) {
-            let end = (steps as f64 / (1.0 - FALL)) as u64;
-            *self = Self { most: end.min(self.most), fall_from: steps, flat_at: Some(steps) };
+        let own = &curve[curve.partition_point(|point| point.steps <= self.from)..];
+        if self.flat_at.is_none() && steps < self.fall_from && steps >= self.from + EARLIEST && is_flat(own) {
+            let end = self.from + ((steps - self.from) as f64 / (1.0 - FALL)) as u64;
+            *self = Self { most: end.min(self.most), fall_from: steps, flat_at: Some(steps), ..*self };
         }
     }
 }
@@ -121,6 +137,23 @@ mod tests {
         let levels_off = after(&curve((0..150).map(|i| 0.9 - 0.6 * (-f64::from(i) / 5.0).exp() + noise(i))));
         let at = levels_off.flat_at().unwrap();
         assert!((30_000..61_440).contains(&at), "{at}");
+    }
+
+    #[test]
+    fn a_training_that_goes_on_after_a_flat_curve_looks_at_the_new_part_alone() {
+        let settings = Settings::tuned();
+        let noise = |i: i32| 0.004 * (f64::from(i) * 2.3).sin();
+        for (rise, flat_at, end) in [(0.0, Some(36_864), 49_152), (0.004, None, 122_880)] {
+            // Flat until the end at step 24,576, then with this rise by point.
+            let curve = curve((0..150).map(|i| 0.5 + noise(i) + rise * f64::from((i - 32).max(0))));
+            let mut schedule = after(&curve[..20]);
+            assert_eq!(schedule.end(), 24_576);
+            assert_eq!(schedule.resumed(20_000, &settings), schedule, "it has not ended");
+            schedule = schedule.resumed(24_576, &settings);
+            assert_eq!((schedule.flat_at(), schedule.end(), schedule.annealed(30_000)), (None, 122_880, 0.0));
+            (33..=curve.len()).for_each(|n| schedule.look(curve[n - 1].steps, &curve[..n]));
+            assert_eq!((schedule.flat_at(), schedule.end()), (flat_at, end));
+        }
     }
 
     #[test]

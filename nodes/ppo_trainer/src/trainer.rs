@@ -102,7 +102,8 @@ pub fn train(
 }
 
 /// Trains as [`train`], from the beginning or from the state of a training with the same task, settings and seed, and returns the state at its end,
-/// too. With a state, the environments must be where they were: they are not reset. The whole then gives the bits of an uninterrupted training.
+/// too. With a state, the environments must be where they were: they are not reset. The whole then gives the bits of an uninterrupted training. A
+/// training that ended with a flat curve goes on towards the most steps.
 ///
 /// # Errors
 /// As [`train`]; [`TrainError::State`] if the state is that of another training.
@@ -242,7 +243,7 @@ impl<'a> Trainer<'a> {
         }
         (self.actor, self.critic, self.log_std) = (actor, critic, state.log_std);
         (self.adam, self.normaliser, self.rng) = (state.adam, state.normaliser, state.random.rng());
-        self.schedule = state.schedule;
+        self.schedule = state.schedule.resumed(state.steps, self.settings);
         (self.steps, self.running, self.recent) = (state.steps, state.running, state.recent.into());
         self.memories = state.memories;
         Ok((state.next, state.curve))

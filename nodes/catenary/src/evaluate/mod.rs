@@ -147,7 +147,7 @@ fn read(path: &Path, judge: &Judge) -> Result<Policy> {
 }
 
 /// Says how the policies stand to the best plan: by the paired difference of the returns, whose sign tells whether feedback pays.
-fn beside_the_plan(policies: &[Evaluated], plan: &Evaluated) -> String {
+pub fn beside_the_plan(policies: &[Evaluated], plan: &Evaluated) -> String {
     let words = |policy: &Evaluated| {
         let minus = policy.returns.iter().zip(&plan.returns).map(|(own, plan)| own - plan).collect::<Vec<f64>>();
         let gained = Estimate::mean(&minus);

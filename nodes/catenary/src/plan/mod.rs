@@ -22,6 +22,8 @@ use std::path::PathBuf;
 pub const NAME: &str = "best plan found";
 /// Episodes that score a plan.
 const SCORED: usize = 100;
+/// Random stream of these episodes: others than those of searches and trainings.
+const UNSEEN_STREAM: u64 = 2402;
 
 /// Result in the form of `--json`.
 #[derive(Debug, Serialize)]
@@ -48,10 +50,8 @@ pub fn run(arguments: &PlanArgs) -> Result<()> {
     if let Some(out) = &arguments.out {
         files::write(out, policy.to_bytes())?;
     }
-    let mut thetas = domains.rows(SCORED, seed::derive(arguments.seed, 1))?;
-    thetas.truncate(SCORED);
     let path = arguments.out.clone().unwrap_or_else(|| PathBuf::from(NAME));
-    let requested = episodes(thetas, Fidelity::Reference, arguments.seed);
+    let requested = unseen(&domains, arguments.seed)?;
     let mut scored =
         score(&model, &judge, vec![(path, policy)], &requested, &mut |_, _| match shutdown.is_triggered() {
             true => Err(Interrupted::lost("the search").into()),
@@ -70,6 +70,14 @@ fn words(report: &Report) -> String {
         plan.mean_return.words(1.0, 2),
         1e3 * plan.median_distance_m()
     )
+}
+
+/// Request for the episodes that score a plan, and a training that began with it, at reference fidelity: neither has seen them.
+pub fn unseen(domains: &Domains, seed: u64) -> Result<SimulationRequest> {
+    let mut thetas = domains.rows(SCORED, seed::derive(seed, UNSEEN_STREAM))?;
+    // The prior gives more rows than asked for.
+    thetas.truncate(SCORED);
+    Ok(episodes(thetas, Fidelity::Reference, seed::derive(seed, UNSEEN_STREAM)))
 }
 
 /// Draws of a number of objects, by a seed.

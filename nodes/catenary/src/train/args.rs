@@ -25,7 +25,7 @@ pub struct TrainArgs {
     #[arg(long)]
     pub out: PathBuf,
     /// Go on with the training that Ctrl-C ended, from its state in OUT.state; the other options must be the same, and the policy then is that of a
-    /// training that was not interrupted, to the bit
+    /// training that was not interrupted, to the bit. Also goes on with a training that ended with a flat return, up to the most steps
     #[arg(long, conflicts_with = "node")]
     pub resume: bool,
     /// Most environment steps; default: the preset's. A training of the default preset ends earlier when its mean return has stopped rising

@@ -1,7 +1,6 @@
 //! Training in this process, with a progress bar, from the beginning or from where Ctrl-C ended it.
 
 use super::args::TrainArgs;
-use super::page::page;
 use super::report::{Ended, Report};
 use crate::exit::{Given, Interrupted, WrongInput};
 use crate::kept::Kept;
@@ -17,7 +16,7 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// Version of the training method. A change of it invalidates saved states.
-const METHOD: u32 = 2;
+const METHOD: u32 = 3;
 
 /// Training between two updates: networks, optimiser and random generator, and the episodes of the environments.
 #[derive(Debug, Serialize, Deserialize)]
@@ -26,14 +25,15 @@ struct Begun {
     ongoing: Vec<Ongoing>,
 }
 
-/// Trains, and writes the policy. Ctrl-C ends the training, and keeps the policy trained so far and the state from which `--resume` goes on.
+/// Trains, and writes the policy. A training that ends with a flat curve leaves its state for `--resume`, too. Ctrl-C ends the training, and keeps the policy trained so far and the state from which `--resume` goes on:
+/// then the report comes with the error that says so.
 pub fn run(
     arguments: &TrainArgs,
     model: &Model,
     domains: &Domains,
     settings: &Settings,
     shutdown: &Shutdown,
-) -> Result<()> {
+) -> Result<(Report, Option<Interrupted>)> {
     let rows = domains.rows(settings.environments, arguments.seed)?;
     let program = (env!("CARGO_PKG_VERSION"), METHOD, catenary_simulator::fingerprint(model));
     let asked = (program, model.to_yaml()?, &rows, format!("{settings:?}"), arguments.seed);
@@ -47,23 +47,24 @@ pub fn run(
     let is_interrupted = !trained.is_finished;
     // First: the policy is small, and may have room where the state has none.
     files::write(&arguments.out, trained.policy.to_bytes())?;
-    if is_interrupted {
-        kept.write(&begun)?;
-    } else {
+    // A flat curve may rise again.
+    let may_go_on = trained.flat_at.is_some() && trained.steps < settings.total_steps;
+    let state = (is_interrupted || may_go_on).then(|| kept.path().to_owned());
+    match &state {
+        Some(_) => kept.write(&begun)?,
         // A state of the same training, or of an earlier one whose policy is replaced now.
-        kept.remove();
+        None => kept.remove(),
     }
     let steps_per_second = (trained.steps - before) as f64 / seconds;
-    let report =
+    let mut report =
         Report::new(arguments.out.clone(), &Ended::of(&trained), trained.curve, &trained.recent, steps_per_second);
-    arguments.page.write(|| page(&report))?;
-    output::result(&arguments.output, &report, Report::words)?;
-    if is_interrupted {
+    report.state = state;
+    let interrupted = is_interrupted.then(|| {
         let done = format!("{} of at most {} steps", trained.steps, settings.total_steps);
         let files = format!("{} (the policy so far) and {}", report.policy.display(), kept.path().display());
-        return Err(Interrupted::kept(done, files, "--resume").into());
-    }
-    Ok(())
+        Interrupted::kept(done, files, "--resume")
+    });
+    Ok((report, interrupted))
 }
 
 /// State of the training that `--resume` goes on with.
@@ -71,7 +72,7 @@ fn begun(kept: &Kept, settings: &Settings) -> Result<Begun> {
     let begun: Option<Begun> = kept.read()?;
     let path = kept.path().display();
     let begun = begun.ok_or_else(|| {
-        WrongInput::error(format!("--resume: {path}: expected the state that Ctrl-C leaves of a training, got no file"))
+        WrongInput::error(format!("--resume: {path}: expected the state that Ctrl-C leaves of a training, or a flat return before its most steps; got no file"))
     })?;
     output::tell(&format!(
         "resumes after {} of at most {} steps, from {path}",

@@ -5,6 +5,7 @@ pub mod local;
 pub mod on_graph;
 mod page;
 mod report;
+mod scored;
 
 use crate::exit::Given;
 use crate::inputs::{model_file, parameter_values, policy_file, posterior_file};
@@ -16,6 +17,7 @@ use catenary_core::{Judge, Model, Policy};
 use catenary_shell::Shutdown;
 use policy_runner::Runner;
 use ppo_trainer::{Domains, Settings};
+use report::Report;
 use std::path::{Path, PathBuf};
 
 /// Parameters of the environments: one theta, a posterior, or the model's prior.
@@ -45,25 +47,32 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
     let plan = match &arguments.plan {
-        Some(path) => Some(read_plan(path, &model, &mut settings).given()?),
-        None if settings.searches_plan && !arguments.no_plan => {
-            let plan = plan::best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?;
-            settings.begin_with(&plan)?;
-            Some(plan)
-        }
-        None => None,
+        Some(path) => Some(read_plan(path, &model).given()?),
+        None if arguments.no_plan => None,
+        None => Some(plan::best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?),
     };
-    match &arguments.on_graph.node {
-        Some(namespace) => on_graph::run(arguments, &domains, model.rewrite(&text)?, plan.as_ref(), namespace),
-        None => local::run(arguments, &model, &domains, &settings, &shutdown),
+    // A preset that begins without a plan is measured by it all the same.
+    let begins_with = plan.as_ref().filter(|_| arguments.plan.is_some() || settings.searches_plan);
+    if let Some(plan) = begins_with {
+        settings.begin_with(plan)?;
     }
+    let (mut report, interrupted) = match &arguments.on_graph.node {
+        Some(namespace) => (on_graph::run(arguments, &domains, model.rewrite(&text)?, begins_with, namespace)?, None),
+        None => local::run(arguments, &model, &domains, &settings, &shutdown)?,
+    };
+    if let Some(plan) = plan.filter(|_| interrupted.is_none()) {
+        report.scored = scored::scored(&model, &domains, &arguments.out, plan, arguments.seed, &shutdown)?;
+    }
+    arguments.page.write(|| page::page(&report))?;
+    output::result(&arguments.output, &report, Report::words)?;
+    interrupted.map_or(Ok(()), |interrupted| Err(interrupted.into()))
 }
 
 /// Reads the plan that a training begins with, which must be one for the model's task.
-fn read_plan(path: &Path, model: &Model, settings: &mut Settings) -> Result<Policy> {
+fn read_plan(path: &Path, model: &Model) -> Result<Policy> {
     let (plan, _) = policy_file::read(path)?;
     let shown = path.display();
-    settings.begin_with(&plan).with_context(|| format!("--plan {shown}"))?;
+    Settings::tuned().begin_with(&plan).with_context(|| format!("--plan {shown}"))?;
     let (steps, most) = (plan.steps, model.task.map_or(0, |task| task.steps));
     ensure!(steps == most, "--plan {shown}: `steps` is {steps}, the task has {most}");
     let judge = Judge::of(model).context("the model has a task")?;

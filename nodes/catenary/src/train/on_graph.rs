@@ -1,10 +1,9 @@
 //! Work of `train --node`, done by the training node of a running graph.
 
 use super::args::TrainArgs;
-use super::page::page;
 use super::report::{Ended, Report};
 use crate::graph::request::{Answer, Request};
-use crate::terminal::{output, progress};
+use crate::terminal::progress;
 use anyhow::{Context, Result, ensure};
 use catenary_core::Policy;
 use catenary_msgs::action::{Train, TrainFeedback, TrainGoal};
@@ -21,7 +20,7 @@ pub fn run(
     model_yaml: String,
     plan: Option<&Policy>,
     namespace: &str,
-) -> Result<()> {
+) -> Result<Report> {
     let (kind, mixture, point) = match domains {
         Domains::Prior(_) => (TrainGoal::DOMAINS_PRIOR, Mixture::default(), Vec::new()),
         Domains::Mixture(posterior) => (TrainGoal::DOMAINS_MIXTURE, convert::posterior_to_msg(posterior), Vec::new()),
@@ -52,9 +51,7 @@ pub fn run(
     let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
     // The node's answer does not say why the training ended.
     let ended = Ended { steps: curve.last().map_or(0, |p| p.steps), interrupted: false, flat_at: None };
-    let report = Report::new(arguments.out.clone(), &ended, curve, &last, result.steps_per_second);
-    arguments.page.write(|| page(&report))?;
-    output::result(&arguments.output, &report, Report::words)
+    Ok(Report::new(arguments.out.clone(), &ended, curve, &last, result.steps_per_second))
 }
 
 /// Shows the feedback of a training on a bar.

@@ -1,5 +1,7 @@
 //! Result of a training, in the form in which `evaluate` reports, too.
 
+use crate::evaluate::beside_the_plan;
+use crate::evaluate::score::Evaluated;
 use crate::report::Estimate;
 use ppo_trainer::{CurvePoint, Rise, Trained};
 use serde::Serialize;
@@ -16,6 +18,9 @@ pub struct Report {
     pub interrupted: bool,
     /// Environment steps after which the mean return had stopped rising; none if it rose to the end, or was not looked at.
     pub flat_at: Option<u64>,
+    /// Path of the state from which `--resume` goes on; none if nothing is left of the steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<PathBuf>,
     /// Mean return of the last episodes of the training, of up to 100; none before two have ended.
     pub mean_return: Option<Estimate>,
     /// Share of successes among these episodes.
@@ -24,8 +29,37 @@ pub struct Report {
     pub rise: Rise,
     /// Environment steps per second.
     pub steps_per_second: f64,
+    /// Policy and best plan in episodes that neither has seen; none without a plan, and after Ctrl-C.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scored: Option<Scored>,
     /// Learning curve.
     pub curve: Vec<CurvePoint>,
+}
+
+/// Policy and best plan in the same episodes.
+#[derive(Debug, Serialize)]
+pub struct Scored {
+    /// Fidelity of the episodes.
+    pub fidelity: &'static str,
+    /// Trained policy.
+    pub policy: Evaluated,
+    /// Best plan that a search found: what can be reached without feedback.
+    pub best_plan: Evaluated,
+}
+
+impl Scored {
+    /// Scores in words.
+    fn words(&self) -> String {
+        let Self { fidelity, policy, best_plan } = self;
+        let verdict = beside_the_plan(std::slice::from_ref(policy), best_plan);
+        let success = |e: &Evaluated| e.success_rate.words(100.0, 0);
+        format!(
+            "success {} % in {} unseen episodes at {fidelity} fidelity; the best plan found: {} %\n{verdict}",
+            success(policy),
+            policy.returns.len(),
+            success(best_plan)
+        )
+    }
 }
 
 /// How a training ended.
@@ -67,6 +101,8 @@ impl Report {
             success_rate: is_enough.then(|| Estimate::share(successes, last.len())),
             rise: Rise::of(&curve),
             steps_per_second,
+            scored: None,
+            state: None,
             curve,
         }
     }
@@ -79,7 +115,8 @@ impl Report {
         };
         let rise = match self.rise {
             _ if self.flat_at.is_some() => {
-                format!("the return had stopped rising by step {}", self.flat_at.unwrap_or_default())
+                let on = self.state.as_ref().map_or("", |_| "; the same command with --resume trains on");
+                format!("the return had stopped rising by step {}{on}", self.flat_at.unwrap_or_default())
             }
             Rise::By(at) => format!("95 % of the return's rise were made by step {at}"),
             Rise::ToTheEnd => "the return rose to the end: more steps may help".to_owned(),
@@ -92,12 +129,14 @@ impl Report {
                 first.entropy, last.entropy, first.value_loss, last.value_loss
             )
         });
-        format!(
+        let training = format!(
             "{policy}: return {}, success {} % in the last episodes of the training\n{} steps, {:.0} steps/s{falls}; {rise}",
             mean_return.words(1.0, 2),
             success.words(100.0, 0),
             self.steps,
             self.steps_per_second
-        )
+        );
+        // First: what a reader wants to know.
+        self.scored.as_ref().map_or(training.clone(), |scored| format!("{}\n{training}", scored.words()))
     }
 }
