@@ -134,7 +134,19 @@ def main():
             test.close()
             for preset in ("sb3", "default"):
                 file = pathlib.Path(folder) / f"{preset}.safetensors"
-                command = [arguments.program, "train", "--model", arguments.model, "--preset", preset, "--out", file]
+                # What Stable-Baselines3 sees and begins with, in the default preset, too.
+                command = [
+                    arguments.program,
+                    "train",
+                    "--model",
+                    arguments.model,
+                    "--preset",
+                    preset,
+                    "--newest-only",
+                    "--no-plan",
+                    "--out",
+                    file,
+                ]
                 began, at = cpu_s(), time.monotonic()
                 subprocess.run([*map(str, command), "--steps", str(arguments.steps), "--seed", str(seed)], check=True, capture_output=True)
                 spent = (cpu_s() - began, time.monotonic() - at)
