@@ -342,6 +342,7 @@ mod tests {
             steps: 16,
             goal: None,
             arm: None,
+            start_speed_m_s: None,
         };
         assert!(warned(Some(&policy)) && !warned(None));
     }

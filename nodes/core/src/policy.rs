@@ -3,10 +3,12 @@
 mod memory;
 mod other_arm;
 mod plan;
+mod start_speed;
 
 pub use memory::{Memory, Observes};
 pub use other_arm::OtherArm;
 pub use plan::Plan;
+pub use start_speed::{GREATEST_START_SPEED_M_S, is_start_speed};
 
 use crate::Observation;
 use crate::mlp::{Layer, Mlp, MlpError};
@@ -64,6 +66,8 @@ pub struct Policy {
     pub goal: Option<Goal>,
     /// Law of the arm that it was trained for; none in files of earlier versions, which do not say it.
     pub arm: Option<ArmLaw>,
+    /// Greatest speed of the object's tip at the starts of its training; none if the object was at rest.
+    pub start_speed_m_s: Option<f64>,
 }
 
 /// Reason for which a policy file is refused.
@@ -161,6 +165,9 @@ impl Policy {
         }
         if let Some(law) = &self.arm {
             metadata.insert("arm".to_owned(), law.to_text());
+        }
+        if let Some(speed) = self.start_speed_m_s {
+            metadata.insert(start_speed::ENTRY.to_owned(), speed.to_string());
         }
         let views = tensors.iter().map(|(name, shape, data)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), data).expect("shape and data were made together");
@@ -268,6 +275,7 @@ impl Policy {
             steps,
             goal: goal.transpose()?,
             arm: arm.transpose()?,
+            start_speed_m_s: start_speed::of(&metadata)?,
         })
     }
 }
@@ -393,6 +401,7 @@ mod tests {
             steps: 16,
             goal: Some(Goal::PlaceTip { reward_range_m: 0.4 }),
             arm: Some(ArmLaw::Lag { time_constant_s: 0.16, max_speed_m_s: 0.5 }),
+            start_speed_m_s: None,
         }
     }
 

@@ -89,6 +89,7 @@ fn policy(plan: Plan, judge: &Judge) -> Policy {
         steps: task.steps,
         goal: Some(task.goal),
         arm: None,
+        start_speed_m_s: None,
     }
 }
 

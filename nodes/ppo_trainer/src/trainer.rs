@@ -264,8 +264,9 @@ impl<'a> Trainer<'a> {
             delta_anchor: task.delta_anchor,
             steps: task.steps,
             goal: Some(task.goal),
-            // The environments know their arm, the trainer does not: its caller says it.
+            // The environments know their arm and their starts, the trainer does not: its caller says it.
             arm: None,
+            start_speed_m_s: None,
         }
     }
 

@@ -326,6 +326,7 @@ mod tests {
             steps: 16,
             goal: None,
             arm: None,
+            start_speed_m_s: None,
         };
         let drive = Drive::Policy(Box::new(policy));
         assert!(message(&SimulationRequest { drive, ..request() }, "length_m").contains("policy"));

@@ -9,7 +9,7 @@ use catenary_core::task::{Task, Workspace};
 use catenary_core::{Camera, DeltaAnchor, Goal, Mlp};
 
 /// Policy with a constant action, in units of the action limit.
-fn policy(action: [f32; 2]) -> Policy {
+pub(super) fn policy(action: [f32; 2]) -> Policy {
     let layer = Layer { inputs: 12, outputs: 2, weight: vec![0.0; 24], bias: action.to_vec() };
     Policy {
         name: "constant".into(),
@@ -24,6 +24,7 @@ fn policy(action: [f32; 2]) -> Policy {
         steps: 16,
         goal: None,
         arm: None,
+        start_speed_m_s: None,
     }
 }
 
