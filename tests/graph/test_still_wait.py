@@ -59,3 +59,18 @@ def test_deploy_tells_the_wait(graph):
     assert "how much it moves is not known yet; waited 0 s" in lines[0]
     assert any("px in a second, 2 px count as still; waited 1" in line for line in lines[1:]), done.stderr
     assert "px count as still; waited" in graph.text("log/policy_runner.log")
+
+
+def test_a_policy_for_starts_in_motion_begins_at_once(graph):
+    swing(graph)
+    policy = policy_file(start_speed=0.5)
+    goal = Goal(graph.ros, RunEpisode, "/policy_runner/run_episode", RunEpisode.Goal(policy=policy, max_steps=2), seconds=20)
+    assert goal.result().success
+    assert [f.step for f in goal.feedback] == [0, 1] and not any(f.waiting for f in goal.feedback), "it did not wait"
+    why = "policy `constant` was trained for starts in motion, up to 0.5 m/s at the tip"
+    assert f"begins at once, without a wait for the object to hang still: {why}" in graph.text("log/policy_runner.log")
+    swing(graph)
+    (graph.folder / "policy").write_bytes(policy)
+    done = graph.run("deploy", "--policy", "policy", "--from-here", seconds=60)
+    assert done.returncode == 0, done.stderr
+    assert f"the episode begins at once: stay clear; {why}" in done.stderr and "still" not in done.stderr

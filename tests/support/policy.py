@@ -8,10 +8,11 @@ STEPS = 16
 BIAS = (0.1, -0.05)
 
 
-def policy_file(action=BIAS, arm=None):
+def policy_file(action=BIAS, arm=None, start_speed=None):
     """Bytes of a safetensors file whose policy always chooses one action: 12 inputs with weight 0, two biases.
 
-    `arm`: text of the arm's law that it was trained for; None: the file says none.
+    `arm`: text of the arm's law that it was trained for; None: the file says none. `start_speed`: greatest speed of the object at the starts of
+    its training, m/s; None: it was at rest.
     """
     tensors = {
         "actor.0.weight": ([2, 12], [0.0] * 24),
@@ -22,6 +23,7 @@ def policy_file(action=BIAS, arm=None):
     }
     names = {"format": "catenary policy 1", "name": "constant", "delta_anchor": "last_target"}
     names |= {"step_period_s": "0.5", "steps": str(STEPS)} | ({"arm": arm} if arm else {})
+    names |= {"start_speed_m_s": str(start_speed)} if start_speed else {}
     header, data = {"__metadata__": names}, b""
     for name, (shape, values) in tensors.items():
         packed = struct.pack(f"<{len(values)}f", *values)

@@ -263,6 +263,10 @@ impl Shell {
             still_px: self.still_px.get(),
             ..Settings::default()
         };
+        let wait = StillWait::before(&policy, own);
+        if let Some(why) = policy.moving_start() {
+            tracing::info!("episode {episode}: begins at once, without a wait for the object to hang still: {why}");
+        }
         let mut runner = Runner::new(policy, self.judge()?, convert::settings(goal, own))?;
         // Told at once, and not after the wait.
         self.enable.ensure_one_server()?;
@@ -272,7 +276,7 @@ impl Shell {
             return Ok(cancelled(episode));
         }
         let origin = self.node.now();
-        if !self.still(handle, origin, &mut runner, StillWait::new(own), client)? {
+        if !self.still(handle, origin, &mut runner, wait, client)? {
             return Ok(cancelled(episode));
         }
         // Before the arm is enabled: without a pose nothing must move.

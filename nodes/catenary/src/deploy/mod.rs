@@ -109,7 +109,10 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
         ..RunEpisodeGoal::default()
     };
     let bar = progress::bar("episode", 0.0)?;
-    bar.set_message("begins when the object hangs still: stay clear");
+    match policy.moving_start() {
+        Some(why) => output::tell(&format!("the episode begins at once: stay clear; {why}")),
+        None => bar.set_message("begins when the object hangs still: stay clear"),
+    }
     let (shown, steps, mut tell_s) = (bar.clone(), policy.steps, 0.0);
     let result = follow(&node, &client, goal, wait, &interrupted, move |feedback| {
         show_episode(&shown, &feedback, steps);

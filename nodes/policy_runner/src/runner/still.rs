@@ -2,7 +2,7 @@
 
 use super::decay::Decay;
 use super::{Fault, Inputs, NONE_CAME, NOT_SEEN, Settings, check_stamp};
-use catenary_core::Keypoints;
+use catenary_core::{Keypoints, Policy};
 use std::collections::VecDeque;
 use std::fmt;
 
@@ -35,7 +35,7 @@ impl fmt::Display for StillProgress {
 }
 
 /// Wait before an episode. The arm has just moved to its start, and the object swings. Policies have never seen an object that swings at the
-/// start.
+/// start, unless they were trained for starts in motion: before those there is no wait.
 #[derive(Debug)]
 pub struct StillWait {
     settings: Settings,
@@ -69,6 +69,13 @@ impl StillWait {
     pub fn new(settings: Settings) -> Self {
         let (seen, decay) = (VecDeque::new(), Decay::default());
         Self { settings, began_s: None, fresh_s: None, seen, decay, now_s: 0.0 }
+    }
+
+    /// Creates the wait before an episode of `policy`.
+    #[must_use]
+    pub fn before(policy: &Policy, settings: Settings) -> Self {
+        let still_patience_s = if policy.start_speed_m_s.is_some() { 0.0 } else { settings.still_patience_s };
+        Self::new(Settings { still_patience_s, ..settings })
     }
 
     /// Decides at `inputs.now_s` whether an episode may begin. A patience of 0 asks for no wait.
@@ -280,6 +287,15 @@ mod tests {
         assert!((4.0..4.1).contains(&ended_s));
         // Patience of 0 asks for no wait.
         assert_eq!(wait(Settings { still_patience_s: 0.0, ..brief }, swing(25.0, 100.0)), (0.0, StillTurn::Still));
+    }
+
+    #[test]
+    fn a_policy_for_starts_in_motion_begins_at_once_and_one_for_objects_at_rest_waits() {
+        let swinging = Inputs { now_s: 5.0, ..Inputs::default() };
+        for (start_speed_m_s, turn) in [(None, StillTurn::Wait), (Some(0.5), StillTurn::Still)] {
+            let policy = Policy { start_speed_m_s, ..super::super::tests::policy([0.0; 2]) };
+            assert_eq!(StillWait::before(&policy, Settings::default()).turn(&swinging), turn, "{start_speed_m_s:?}");
+        }
     }
 
     #[test]
