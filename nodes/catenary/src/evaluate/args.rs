@@ -1,6 +1,6 @@
 //! Arguments of `evaluate`.
 
-use crate::options::{ArmOption, FidelityName, Output, ReportPage, TaskOption, parameter_value};
+use crate::options::{ArmOption, FidelityName, Output, ReportPage, StartMovingOption, TaskOption, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -19,6 +19,9 @@ pub struct EvaluateArgs {
     /// Arm in place of the model's
     #[command(flatten)]
     pub arm: ArmOption,
+    /// Starts in motion
+    #[command(flatten)]
+    pub start: StartMovingOption,
     /// posterior.json to draw the object's parameters from; default: the model's prior
     #[arg(long)]
     pub posterior: Option<PathBuf>,

@@ -44,7 +44,7 @@ struct Report {
 pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
     let judge = Judge::of(&model).with_context(|| no_task(&arguments.model)).given()?;
-    let model = arguments.arm.applied_to(model)?;
+    let model = arguments.start.applied_to(arguments.arm.applied_to(model)?)?;
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
     let mut policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
     let requested = request(arguments, &model).given()?;

@@ -12,6 +12,7 @@ mod part;
 mod preset;
 mod prior_support;
 mod report_page;
+mod start_moving;
 mod task;
 
 pub use arm::ArmOption;
@@ -26,4 +27,5 @@ pub use part::Part;
 pub use preset::{Preset, TrainingPreset};
 pub use prior_support::PriorSupportName;
 pub use report_page::ReportPage;
+pub use start_moving::StartMovingOption;
 pub use task::TaskOption;

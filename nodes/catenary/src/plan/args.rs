@@ -1,6 +1,6 @@
 //! Arguments of `plan`.
 
-use crate::options::{Output, TaskOption, parameter_value};
+use crate::options::{Output, StartMovingOption, TaskOption, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -13,6 +13,9 @@ pub struct PlanArgs {
     /// Task in place of the model's
     #[command(flatten)]
     pub task: TaskOption,
+    /// Starts in motion
+    #[command(flatten)]
+    pub start: StartMovingOption,
     /// posterior.json of the objects that the plan is for; default: the model's prior
     #[arg(long)]
     pub posterior: Option<PathBuf>,

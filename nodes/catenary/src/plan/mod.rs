@@ -36,6 +36,7 @@ struct Report {
 /// Searches a plan, and scores it on episodes that the search has not seen.
 pub fn run(arguments: &PlanArgs) -> Result<()> {
     let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
+    let model = arguments.start.applied_to(model)?;
     let judge = Judge::of(&model).with_context(|| model_file::no_task(&arguments.model)).given()?;
     let domains = match arguments.theta.is_empty() {
         true => posterior_file::domains(arguments.posterior.as_deref(), &model)?,
@@ -46,7 +47,8 @@ pub fn run(arguments: &PlanArgs) -> Result<()> {
     }
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let policy = best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?;
+    let mut policy = best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?;
+    policy.start_speed_m_s = arguments.start.start_moving;
     if let Some(out) = &arguments.out {
         files::write(out, policy.to_bytes())?;
     }

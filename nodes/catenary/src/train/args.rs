@@ -1,7 +1,8 @@
 //! Arguments of `train`.
 
 use crate::options::{
-    ArmOption, ObservesOptions, OnGraph, Output, ReportPage, TaskOption, TrainingPreset, parameter_value,
+    ArmOption, ObservesOptions, OnGraph, Output, ReportPage, StartMovingOption, TaskOption, TrainingPreset,
+    parameter_value,
 };
 use clap::Args;
 use std::path::PathBuf;
@@ -49,6 +50,9 @@ pub struct TrainArgs {
     /// Arm in place of the model's
     #[command(flatten)]
     pub arm: ArmOption,
+    /// Starts in motion
+    #[command(flatten)]
+    pub start: StartMovingOption,
     /// Process that does the work
     #[command(flatten)]
     pub on_graph: OnGraph,

@@ -43,7 +43,8 @@ pub fn run(
         false => None,
     };
     let before = begun.as_ref().map_or(0, |begun| begun.state.steps());
-    let (trained, begun, seconds) = trained(model, rows, settings, arguments.seed, begun, shutdown)?;
+    let (mut trained, begun, seconds) = trained(model, rows, settings, arguments.seed, begun, shutdown)?;
+    trained.policy.start_speed_m_s = arguments.start.start_moving;
     let is_interrupted = !trained.is_finished;
     // First: the policy is small, and may have room where the state has none.
     files::write(&arguments.out, trained.policy.to_bytes())?;

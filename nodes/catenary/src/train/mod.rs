@@ -34,7 +34,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let model = arguments.task.applied_to(own)?;
     // Before the law, which may be asked of the graph.
     model.task.with_context(|| model_file::no_task(&arguments.model)).given()?;
-    let model = arguments.arm.applied_to(model)?;
+    let model = arguments.start.applied_to(arguments.arm.applied_to(model)?)?;
     let mut settings = arguments.observes.applied_to(arguments.preset.settings());
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
     // Checked before the request to a node, too: a node would refuse it only after the wait for it.

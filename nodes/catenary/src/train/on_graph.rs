@@ -45,8 +45,10 @@ pub fn run(
     let Answer { name, result, .. } =
         request.send::<Train>(goal, &bar, |bar, feedback| show_training(bar, &feedback))?;
     ensure!(result.success, "{name}: {}", result.message);
-    Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
-    catenary_shell::files::write(&arguments.out, &result.policy)?;
+    let mut policy = Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
+    // The node knows the effects of the model, and not that the starts were meant to move.
+    policy.start_speed_m_s = arguments.start.start_moving;
+    catenary_shell::files::write(&arguments.out, policy.to_bytes())?;
     let curve = convert_training::curve(&result).with_context(|| name.clone())?;
     let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
     // The node's answer does not say why the training ended.
