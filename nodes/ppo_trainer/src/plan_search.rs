@@ -33,8 +33,11 @@ pub const EPISODES_STREAM: u64 = 2401;
 
 /// Constant plans from which a search starts.
 const STARTS: usize = 3;
-/// Number of episodes for the search from a start.
-const START_EPISODES: usize = 2;
+/// Number of episodes for the search from a start, by the number of steps of a plan. A good plan is one whose outcome depends little on what an
+/// episode draws, such as the damping; two episodes do not tell it from others.
+fn start_episodes_of(steps: usize) -> usize {
+    (48 / steps.max(1)).clamp(2, 6)
+}
 /// Most rounds from a start, and of the affine plan. A round simulates one plan, or with a new linear model one for each action, too.
 const START_ROUNDS: usize = 8;
 const ROUNDS: usize = 10;
@@ -117,14 +120,14 @@ pub fn search(
     let Some(constant) = Coordinates::of(&still, judge.task().steps) else {
         return Err(SimulatorError::Input("a plan needs at least one episode".to_owned()));
     };
-    let few = requested.part(0..START_EPISODES);
+    let few = requested.part(0..start_episodes_of(judge.task().steps));
     let mut best: Option<Point> = None;
     for start in 0..STARTS {
         let z = search.start(&constant, seed::derive(search_seed, 2 * start as u64));
         let rounds = Rounds { first: done, count: START_ROUNDS, seed: seed::derive(search_seed, 2 * start as u64 + 1) };
         let Some(found) = search.descend(z, &constant, &few, rounds)? else { return Ok(None) };
         done += START_ROUNDS;
-        // By all episodes: a plan that suits two may miss the others.
+        // By all episodes: a plan that suits these few may miss the others.
         let found = search.point(found.z, &constant, requested)?;
         if best.as_ref().is_none_or(|best| found.loss < best.loss) {
             best = Some(found);
