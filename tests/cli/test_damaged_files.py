@@ -101,8 +101,9 @@ def test_a_damaged_policy_is_refused_by_its_name(originals, outcomes):
             copies.append((("__metadata__", field), value[:20], of_safetensors(copy, data)))
     copies += [((), "cut", whole[:1000]), ((), "empty", b"")]
     accepted = outcomes(copies, "evaluate", "--model", MODEL, "--policy", "damaged", "--no-plan", "--episodes", 30, *FAST)
-    # Any word is a name, and earlier files have no goal.
-    allowed = {(("__metadata__", "name"), "word"), (("__metadata__", "name"), "not a number"), (("__metadata__", "goal"), "removed")}
+    # Any word is a name, and earlier files have no goal and no law of the arm.
+    allowed = {(("__metadata__", "name"), "word"), (("__metadata__", "name"), "not a number")}
+    allowed |= {(("__metadata__", field), "removed") for field in ("goal", "arm")}
     # The tensors follow one another: the first begins at 0.
     assert [kept for kept in accepted if kept not in allowed and kept[0][1:] != ("data_offsets", 0)] == []
 

@@ -66,7 +66,7 @@ def test_every_policy_is_scored_on_every_object_and_compared(whole):
     assert page.count("<figure") >= 18 and "NaN" not in page and "(so few trainings cannot reach that)" in page
     assert "Task place_tip" in page and "time warping" in page
     assert "What evidence is worth in settle" in page and "2 recordings, 30 simulations" in page
-    assert "newest observation and 2 before it" in page
+    assert "newest observation, the time, and 2 before it" in page
 
 
 def test_parts_make_the_same_bits_and_a_killed_part_goes_on(whole, program, tmp_path):

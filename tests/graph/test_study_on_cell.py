@@ -4,23 +4,10 @@ import json
 import signal
 import time
 
-SMALL = [
-    "--objects",
-    "dlo_0",
-    "--seeds",
-    2,
-    "--steps",
-    768,
-    "--history",
-    2,
-    "--no-plan",
-    "--episodes",
-    4,
-    "--repeats",
-    2,
-    "--evidence",
-    "1:2x40",
-]
+SMALL = (
+    *("--objects", "dlo_0", "--seeds", 2, "--steps", 768, "--history", 2, "--no-plan"),
+    *("--episodes", 4, "--repeats", 2, "--evidence", "1:2x40"),
+)
 
 
 def frames_of(path):
@@ -53,7 +40,8 @@ def test_deployments_in_the_emulated_cell_are_whole_episodes_in_pairs_and_are_ma
     # The same command only reads; without the cell, deployments in simulation are made beside those.
     written = {path: path.stat().st_mtime_ns for path in made.values()}
     program.json(*arguments, "--cell", "emulated", folder=tmp_path, seconds=600)
-    said = program.json(*arguments, folder=tmp_path, seconds=600)
+    # The policies are those for the arm of the bridge.
+    said = program.json(*arguments, "--arm", "emulated", folder=tmp_path, seconds=600)
     assert said["study"]["cell"] is None and {path: path.stat().st_mtime_ns for path in made.values()} == written
     assert len(list((tmp_path / "study/place_tip/deployments").iterdir())) == 3 * 2 * 2
 

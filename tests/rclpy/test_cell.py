@@ -396,7 +396,7 @@ def train_of_rclpy(graph):
     assert running.cancel().return_code == CancelGoal.Response.ERROR_NONE
     result = running.result(GoalStatus.STATUS_CANCELED)
     # Much larger than a packet of Ethernet; with launch_configs/fastdds_localhost.xml RustDDS sends it as one datagram.
-    assert len(result.policy) > 10_000 and b"catenary policy 1" in bytes(result.policy)
+    assert len(result.policy) > 10_000 and b"catenary policy 2" in bytes(result.policy)
 
 
 def find_of_rclpy(graph):

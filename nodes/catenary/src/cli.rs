@@ -65,7 +65,7 @@ pub enum Command {
     FindEffects(FindEffectsArgs),
     /// Train a policy in simulation over a prior or a posterior
     Train(TrainArgs),
-    /// Search the best open-loop plan: what a task allows without feedback
+    /// Search the best open-loop plan of a task, and score it
     Plan(PlanArgs),
     /// Run policies on simulated episodes, and compare them
     Evaluate(EvaluateArgs),
