@@ -132,11 +132,11 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let started = Instant::now();
     let arm = Arm::new(cell, arm::settings(&model));
     let front = Front::new(&node, origin, p.moves, arm)?;
-    // The arm model has no gains: valid settings are accepted with this answer, invalid ones are refused as on the real
-    // arm.
     // Kept: a later subscriber gets the law from it.
     let law = LawTopic::new(&node)?;
     law.announce(&model.arm.law);
+    // The arm model has no gains: valid settings are accepted with this answer, invalid ones are refused as on the real
+    // arm.
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;
     let Camera::Pinhole(calibrated) = model.camera.view else { unreachable!("a cell has a pinhole camera") };
     let clock = is_simulated.then(|| node.publisher::<ClockMsg>(contract::CLOCK.name, contract::CLOCK.qos));

@@ -91,7 +91,7 @@ impl ArmModel {
     pub fn set_delta(&mut self, time_s: f64, delta_m: [f64; 2]) {
         self.run_to(time_s);
         let ArmSettings { anchor, other_anchor_share, .. } = self.settings;
-        let target_m = anchor.target_m(delta_m, self.position_m(time_s), self.target_m, other_anchor_share);
+        let (target_m, delta_m) = anchor.limited(delta_m, self.position_m(time_s), self.target_m, other_anchor_share);
         let kept = match anchor {
             DeltaAnchor::LastTarget => 1.0 - other_anchor_share,
             DeltaAnchor::Measured => other_anchor_share,

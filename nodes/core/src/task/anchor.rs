@@ -24,6 +24,17 @@ impl DeltaAnchor {
         last_target_m: [f64; 2],
         other_share: f64,
     ) -> [f64; 2] {
+        self.limited(delta_m, measured_m, last_target_m, other_share).0
+    }
+
+    /// As [`Self::target_m`], with the delta that the limit leaves of `delta_m`.
+    pub fn limited(
+        self,
+        delta_m: [f64; 2],
+        measured_m: [f64; 2],
+        last_target_m: [f64; 2],
+        other_share: f64,
+    ) -> ([f64; 2], [f64; 2]) {
         let place = |anchor| match anchor {
             DeltaAnchor::Measured => measured_m,
             DeltaAnchor::LastTarget => last_target_m,
@@ -35,7 +46,11 @@ impl DeltaAnchor {
         // On the line to the target: deltas that add up while the arm lags behind may lead too far.
         let lead = [0, 1].map(|i| target[i] - measured_m[i]);
         let length = lead[0].hypot(lead[1]);
-        if length <= MAX_LEAD_M { target } else { [0, 1].map(|i| measured_m[i] + lead[i] * MAX_LEAD_M / length) }
+        if length <= MAX_LEAD_M {
+            return (target, delta_m);
+        }
+        let nearer = [0, 1].map(|i| measured_m[i] + lead[i] * MAX_LEAD_M / length);
+        (nearer, [0, 1].map(|i| nearer[i] - from[i]))
     }
 }
 
@@ -56,7 +71,11 @@ mod tests {
 
     #[test]
     fn a_target_leads_the_measured_position_by_a_limited_distance() {
-        let target = DeltaAnchor::LastTarget.target_m([0.06, -0.06], [0.4, 0.3], [0.46, 0.24], 0.0);
+        let (target, delta) = DeltaAnchor::LastTarget.limited([0.06, -0.06], [0.4, 0.3], [0.46, 0.24], 0.0);
+        assert!(
+            delta.iter().zip([0.46, 0.24]).zip(target).all(|((d, from), to)| (from + d - to).abs() < 1e-12),
+            "{delta:?}"
+        );
         let lead = [target[0] - 0.4, target[1] - 0.3];
         assert!((lead[0].hypot(lead[1]) - MAX_LEAD_M).abs() < 1e-12 && (lead[0] + lead[1]).abs() < 1e-12, "{lead:?}");
     }

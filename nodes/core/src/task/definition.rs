@@ -24,7 +24,7 @@ pub const STEP_PERIOD_S: [f64; 2] = [1e-3, 10.0];
 pub enum DeltaAnchor {
     /// The measured pose. A soft or slow arm then achieves less than each delta.
     Measured,
-    /// The previous target pose. Deltas add up exactly.
+    /// The previous target pose. Deltas add up, as long as the target leads the measured pose by less than [`MAX_LEAD_M`].
     #[default]
     LastTarget,
 }

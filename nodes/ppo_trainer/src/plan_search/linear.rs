@@ -1,7 +1,7 @@
 //! Linear model of the episodes of a plan.
 
 use super::loss;
-use catenary_core::task::{DeltaAnchor, MAX_DELTA_M};
+use catenary_core::task::MAX_DELTA_M;
 use catenary_core::{Frame, Judge, Track};
 
 /// Numbers of a frame that depend on actions: four keypoints (x, y), and the hand's x and z.
@@ -19,17 +19,15 @@ pub fn executed(actions: &[f64]) -> Vec<f64> {
     actions.iter().map(|a| a.clamp(-1.0, 1.0)).collect()
 }
 
-/// Distance in m by which the targets of the hand leave the workspace less its margin, summed over the steps. `frames` give the poses that
-/// measured deltas start from.
+/// Distance in m by which the targets of the hand leave the workspace less its margin, summed over the steps. `frames` give the measured poses;
+/// without them the hand is taken to be at each target.
 pub fn outside_m(judge: &Judge, start_m: [f64; 2], executed: &[f64], frames: Option<&[Frame]>) -> f64 {
     let task = judge.task();
     let beyond = |v: f64, [low, high]: [f64; 2]| (low + MARGIN_M - v).max(v - high + MARGIN_M).max(0.0);
     let (mut at, mut sum) = (start_m, 0.0);
     for (step, delta) in executed.chunks_exact(2).enumerate() {
-        if let (DeltaAnchor::Measured, Some(frame)) = (task.delta_anchor, frames.and_then(|frames| frames.get(step))) {
-            at = [frame.eef[0], frame.eef[1]];
-        }
-        at = std::array::from_fn(|i| at[i] + MAX_DELTA_M * delta[i]);
+        let measured = frames.and_then(|frames| frames.get(step)).map_or(at, |frame| [frame.eef[0], frame.eef[1]]);
+        at = task.delta_anchor.target_m([0, 1].map(|i| MAX_DELTA_M * delta[i]), measured, at, 0.0);
         sum += beyond(at[0], task.workspace.x_m) + beyond(at[1], task.workspace.z_m);
     }
     sum
