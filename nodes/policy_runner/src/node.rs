@@ -340,13 +340,15 @@ impl Shell {
             match wait.turn(&inputs) {
                 StillTurn::Still if presence == Presence::Here => return Ok(true),
                 StillTurn::Fault(fault) => return Err(fault_error(fault)),
-                StillTurn::Still | StillTurn::Wait => {
+                turn @ (StillTurn::Still | StillTurn::Wait) => {
                     let progress = wait.progress();
-                    if progress.waited_s >= feedback_s {
+                    // An object that is still, or need not be, waits for its client alone.
+                    let is_waiting = turn == StillTurn::Wait;
+                    if is_waiting && progress.waited_s >= feedback_s {
                         feedback_s = progress.waited_s + FEEDBACK_S;
                         handle.feedback(convert::waiting(&progress));
                     }
-                    if progress.motion_px.is_some() && progress.waited_s >= log_s {
+                    if is_waiting && progress.motion_px.is_some() && progress.waited_s >= log_s {
                         log_s = progress.waited_s + WAIT_LOG_S;
                         tracing::info!("the episode begins when the object hangs still: stay clear; {progress}");
                     }

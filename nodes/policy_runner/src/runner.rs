@@ -277,7 +277,10 @@ impl Runner {
         if policy.steps > task.steps {
             return Err(RunnerError::TooLong { policy: policy.name.clone(), most: task.steps, got: policy.steps });
         }
-        let steps = settings.max_steps.unwrap_or(policy.steps);
+        let most = settings.max_steps.unwrap_or(policy.steps);
+        // Beyond its own steps such a policy has no plan, and a time that its training never had.
+        let knows_its_end = policy.observes.time || policy.plan.is_some();
+        let steps = if knows_its_end { most.min(policy.steps) } else { most };
         if steps == 0 {
             return Err(RunnerError::NoSteps);
         }

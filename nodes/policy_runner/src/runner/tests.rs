@@ -231,6 +231,15 @@ fn a_late_step_is_followed_by_a_whole_period_and_small_delays_do_not_add_up() {
 }
 
 #[test]
+fn a_policy_with_a_plan_ends_after_its_own_steps_whatever_a_goal_asks_for() {
+    let many = Settings { max_steps: Some(100), run_all_steps: true, ..Settings::default() };
+    let planned = Policy { plan: Some(Plan::default()), ..policy([0.0; 2]) };
+    let mut runner = Runner::new(planned, judge(task()), many).unwrap();
+    run(&mut runner, 20.0, 0.4);
+    assert_eq!(runner.rewards().len(), 16);
+}
+
+#[test]
 fn the_time_and_the_plan_of_a_policy_count_steps_also_after_lost_frames_and_a_late_step() {
     // The plan gives the number of the step for dx; the network adds a tenth of the time, -1 to 1, to dz.
     let plan = Plan { steps: (0..16).map(|step| [[0.02 * step as f32, 0.0, 0.0], [0.0; 3]]).collect() };
