@@ -4,7 +4,7 @@ use crate::curve::CurvePoint;
 use crate::domains::Domains;
 use crate::settings::Settings;
 use crate::trainer::{Progress, Trained};
-use catenary_core::{EnvError, Model, Observation, Policy, Transition};
+use catenary_core::{EnvError, Model, Observation, Policy, Task, Transition};
 use catenary_msgs::action::{TrainFeedback, TrainGoal, TrainResult};
 use catenary_msgs::srv::StepEnvsResponse;
 use catenary_shell::convert::{ConvertError, posterior_from_msg};
@@ -13,7 +13,7 @@ use catenary_shell::convert::{ConvertError, posterior_from_msg};
 ///
 /// # Errors
 /// [`ConvertError`] with the name of an unknown preset.
-pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
+pub fn settings(goal: &TrainGoal, task: &Task) -> Result<Settings, ConvertError> {
     let mut settings = Settings::preset(&goal.preset).map_err(|e| ConvertError {
         field: "preset",
         expected: e.expected.to_owned(),
@@ -36,6 +36,24 @@ pub fn settings(goal: &TrainGoal) -> Result<Settings, ConvertError> {
     if !goal.plan.is_empty() {
         let wrong = |got: String| ConvertError { field: "plan", expected: "the policy of a plan".to_owned(), got };
         let policy = Policy::from_bytes(&goal.plan).map_err(|e| wrong(e.to_string()))?;
+        let is_of_task = policy.steps == task.steps
+            && policy.delta_anchor == task.delta_anchor
+            && (policy.step_period_s - task.step_period_s).abs() < 1e-9
+            && policy.goal.is_none_or(|goal| goal.name() == task.goal.name());
+        if !is_of_task {
+            let Policy { steps, step_period_s, .. } = policy;
+            let goal = policy.goal.map_or("any goal", |goal| goal.name());
+            return Err(ConvertError {
+                field: "plan",
+                expected: format!(
+                    "a plan for {} in {} steps of {} s",
+                    task.goal.name(),
+                    task.steps,
+                    task.step_period_s
+                ),
+                got: format!("one for {goal} in {steps} steps of {step_period_s} s, or of another anchor"),
+            });
+        }
         settings.begin_with(&policy).map_err(|e| wrong(e.got))?;
     }
     Ok(settings)
@@ -184,6 +202,28 @@ pub fn result(trained: &Trained, domains: &[Vec<f64>], seconds: f64) -> TrainRes
 #[cfg(test)]
 mod tests {
     use super::*;
+    use catenary_core::Judge;
+    use catenary_core::policy::Plan;
+
+    #[test]
+    fn a_plan_of_another_task_is_refused_before_a_training() {
+        let text = include_str!("../../../launch_configs/models/soft_bar_place.yaml");
+        let model = Model::from_yaml(text).unwrap();
+        let task = model.task.unwrap();
+        let plan = Plan { steps: vec![[[0.1, 0.0, 0.0]; 2]; task.steps] };
+        let planned = crate::plan_search::Planned { plan, distance_m: 0.01, simulated: 1 };
+        let policy = planned.policy(&Judge::of(&model).unwrap());
+        let goal = TrainGoal { plan: policy.to_bytes(), ..TrainGoal::default() };
+        assert!(settings(&goal, &task).unwrap().plan.is_some());
+        for other in [
+            Task { steps: 16, ..task },
+            Task { step_period_s: 0.5, ..task },
+            Task { goal: catenary_core::Goal::Whip { reward_range_m: 0.4 }, ..task },
+        ] {
+            let words = settings(&goal, &other).unwrap_err().to_string();
+            assert!(words.contains("one for place_tip in 6 steps of 0.25 s"), "{words}");
+        }
+    }
 
     #[test]
     fn lists_of_a_result_that_differ_in_length_are_refused_by_name() {

@@ -153,7 +153,7 @@ fn train_goal(handle: &GoalHandle<Train>, pool: &Pool) -> Result<TrainResult> {
     let goal = handle.goal();
     let model = Model::from_yaml(&goal.model_yaml)?;
     let task = model.task.with_context(|| format!("model `{}` has no task", model.name))?;
-    let settings = convert::settings(goal)?;
+    let settings = convert::settings(goal, &task)?;
     let rows = convert::domains(goal, &model)?.rows(settings.environments, seed::derive(goal.seed, DOMAIN_STREAM))?;
     let request = OpenEnvsRequest {
         model_yaml: goal.model_yaml.clone(),

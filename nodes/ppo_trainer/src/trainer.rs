@@ -360,8 +360,8 @@ impl<'a> Trainer<'a> {
         let cut_off = |t: &Transition| {
             (t.truncated && !t.terminated) || (is_cut_short && t.terminated && is_success(self.task, t))
         };
-        // A time limit is no property of the state: without the bonus the value would depend on the step number, which the
-        // policy does not observe (Pardo et al. 2018).
+        // A time limit is no property of the state: without the bonus the value would depend on the step number (Pardo et al. 2018), which a policy
+        // without the time does not observe. With the time the bonus is kept: the same reward is then learnt by all.
         let wanted: Vec<bool> = transitions.iter().map(cut_off).collect();
         if !wanted.contains(&true) {
             return vec![0.0; transitions.len()];
