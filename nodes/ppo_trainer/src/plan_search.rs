@@ -31,6 +31,9 @@ pub fn episodes_of(steps: usize) -> usize {
 /// Random stream of the episodes of a search: others than those of trainings and evaluations.
 pub const EPISODES_STREAM: u64 = 2401;
 
+/// Most steps of a task whose plan is searched. The time of a search rises with the square of the steps and more, and half a minute is long.
+pub const MOST_STEPS: usize = 32;
+
 /// Constant plans from which a search starts.
 const STARTS: usize = 3;
 /// Number of episodes for the search from a start, by the number of steps of a plan. A good plan is one whose outcome depends little on what an
@@ -101,7 +104,7 @@ fn policy(plan: Plan, judge: &Judge) -> Policy {
 /// best one for all of them together. `on_progress` gets the share of the search that is done, and may end it.
 ///
 /// # Errors
-/// [`SimulatorError`]: no task, no episode, or a simulation that fails.
+/// [`SimulatorError`]: no task, one of more than [`MOST_STEPS`] steps, no episode, or a simulation that fails.
 pub fn search(
     simulator: &dyn Simulator,
     model: &Model,
@@ -111,6 +114,12 @@ pub fn search(
 ) -> Result<Option<Planned>, SimulatorError> {
     let no_task = || SimulatorError::Input(format!("model `{}` has no task", model.name));
     let judge = Judge::of(model).ok_or_else(no_task)?;
+    let steps = judge.task().steps;
+    if steps > MOST_STEPS {
+        return Err(SimulatorError::Input(format!(
+            "`task.steps`: expected at most {MOST_STEPS} for a search of the best plan, got {steps}"
+        )));
+    }
     let start_m = [model.arm.start.x_m, model.arm.start.z_m];
     let all = (STARTS * START_ROUNDS + ROUNDS) as f64;
     let mut done = 0;
@@ -218,7 +227,10 @@ impl Search<'_> {
             }
             let model = match linear.take() {
                 Some(model) => model,
-                None => self.linear(&now, at, requested)?,
+                None => match self.linear(&now, at, requested, rounds.first + round)? {
+                    Some(model) => model,
+                    None => return Ok(None),
+                },
             };
             let (z, predicted) = self.best_near(&now, at, &model, trust, seed::derive(rounds.seed, round as u64));
             let next = if predicted < now.loss { Some(self.point(z, at, requested)?) } else { None };
@@ -246,13 +258,14 @@ impl Search<'_> {
         Ok(Some(now))
     }
 
-    /// Linear model of the episodes of a plan.
+    /// Linear model of the episodes of a plan after a number of rounds. Returns `None` if the progress ended the search.
     fn linear(
         &mut self,
         now: &Point,
         at: &Coordinates,
         requested: &SimulationRequest,
-    ) -> Result<Linear, SimulatorError> {
+        rounds: usize,
+    ) -> Result<Option<Linear>, SimulatorError> {
         let mut model = Linear::new(&now.tracks, |target| at.actions(&now.z, target));
         for action in 0..at.actions_count() {
             let place = at.constant_of(action);
@@ -262,8 +275,12 @@ impl Search<'_> {
             z[place] += change;
             let changed = self.tracks(&at.plan(&z), requested)?;
             model.add(action, change, &changed);
+            // Most of the time of a round passes here.
+            if (self.on_progress)(rounds).is_break() {
+                return Ok(None);
+            }
         }
-        Ok(model)
+        Ok(Some(model))
     }
 
     /// Best plan near `now` by the linear model, with its loss there.

@@ -5,6 +5,7 @@ use super::story::{repeats, training_words};
 use super::summary::{Episode, Inference, Progress, Stage, Summary, Training};
 use crate::evaluate::score::Evaluated;
 use crate::exit::Misfit;
+use crate::options::Preset;
 use crate::report::Estimate;
 use crate::report::plots::Series;
 use crate::report::quantity::Quantity;
@@ -117,13 +118,19 @@ fn percent_range(share: &Estimate) -> String {
 /// Section on the method and on the reliability of the answer.
 fn method(page: &mut Page, summary: &Summary) {
     page.heading("Method");
-    page.paragraph(
+    // The sizes of the paper have the trainer of the paper.
+    let of_training = match summary.preset {
+        Preset::Default => {
+            " Each training began with the best plan that a search found over its bars, and ended when its return had stopped rising."
+        }
+        Preset::Paper => "",
+    };
+    page.paragraph(&format!(
         "pi0 was trained in simulation over every bar that the prior allows and run once on the cell. The recording of that \
          episode gave the posterior. pi1 was trained over the posterior and run on the same cell. The hidden \
-         values were known to the cell's process alone; inference and training never saw them. Each training began with the best plan \
-         that a search found over its bars, and ended when its return had stopped rising. The best plan for the hidden bar itself, \
-         which the search was told, shows what can be reached without feedback.",
-    );
+         values were known to the cell's process alone; inference and training never saw them.{of_training} The best plan for the hidden bar \
+         itself, which the search was told, shows what can be reached without feedback.",
+    ));
     let evaluation = &summary.evaluation;
     let difference = evaluation.policies.last().and_then(|e| Some((e.success_gained?, e.mean_return_gained?)));
     if let Some((success, mean_return)) = difference {

@@ -58,10 +58,11 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     arguments.page.prepare(files.map(PathBuf::as_path))?;
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
+    let own = policies.len();
     if !arguments.no_plan {
         let rows = |n, draws| thetas(arguments, &model, n, draws);
-        let plan = plan::best_shown(&model, &rows, arguments.seed, &shutdown)?;
-        policies.push((PathBuf::from(plan::NAME), plan));
+        let plan = plan::best_shown(&of_effects(&model, &arguments.effect), &rows, arguments.seed, &shutdown)?;
+        policies.extend(plan.map(|plan| (PathBuf::from(plan::NAME), plan)));
     }
     let n = requested.thetas.len();
     let all = policies.len() * n;
@@ -90,7 +91,7 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
         return Err(interrupted(kept.as_ref(), &finished, &format!("{done} of {all} episodes")).into());
     }
     let mut evaluated = scored?;
-    let best_plan = if arguments.no_plan { None } else { evaluated.pop() };
+    let best_plan = evaluated.split_off(own).pop();
     let report = Report {
         model: model.name.clone(),
         fidelity: requested.fidelity.name(),
@@ -154,7 +155,7 @@ pub fn beside_the_plan(policies: &[Evaluated], plan: &Evaluated) -> String {
         let verdict = match () {
             () if gained.low > 0.0 => "better than the best plan: feedback pays",
             () if gained.high < 0.0 => "worse than the best plan, which sees the target once and nothing else",
-            () => "as good as the best plan",
+            () => "no difference from the best plan was found",
         };
         format!("{}: {verdict} (return {} more)", policy.policy.display(), gained.words(1.0, 3))
     };
@@ -171,6 +172,14 @@ fn thetas(arguments: &EvaluateArgs, model: &Model, n: usize, draws: u64) -> Resu
         thetas.iter_mut().for_each(|theta| theta[place] = *value);
     }
     Ok(thetas)
+}
+
+/// The model whose every episode has these values of further parameters: the best plan is one for the scored episodes.
+fn of_effects(model: &Model, effects: &[(String, f64)]) -> Model {
+    let mut model = model.clone();
+    model.effects.retain(|effect| effects.iter().all(|(name, _)| *name != effect.name));
+    model.parameters.extend(effects.iter().cloned());
+    model
 }
 
 /// Request for the episodes, with an empty drive.

@@ -7,8 +7,8 @@ use ppo_trainer::Settings;
 #[derive(Debug, Clone, Copy, Args)]
 pub struct ObservesOptions {
     /// Observations before the newest that the policy takes, at most 64: with them it sees velocities, and finds out what one observation hides;
-    /// default: the preset's
-    #[arg(long)]
+    /// default: the preset's; for none, --newest-only
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub history: Option<u32>,
     /// Let the policy take the newest observation alone, without the time, as in the paper
     #[arg(long, conflicts_with = "history")]

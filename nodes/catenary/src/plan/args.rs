@@ -1,6 +1,6 @@
 //! Arguments of `plan`.
 
-use crate::options::{Output, StartMovingOption, TaskOption, parameter_value};
+use crate::options::{ArmOption, Output, StartMovingOption, TaskOption, parameter_value};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -16,6 +16,9 @@ pub struct PlanArgs {
     /// Starts in motion
     #[command(flatten)]
     pub start: StartMovingOption,
+    /// Arm in place of the model's
+    #[command(flatten)]
+    pub arm: ArmOption,
     /// posterior.json of the objects that the plan is for; default: the model's prior
     #[arg(long)]
     pub posterior: Option<PathBuf>,

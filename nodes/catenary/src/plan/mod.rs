@@ -4,7 +4,7 @@ pub mod args;
 
 use crate::evaluate::episodes::{episodes, without_early_success};
 use crate::evaluate::score::{Evaluated, score};
-use crate::exit::{Given, Interrupted};
+use crate::exit::{Given, Interrupted, WrongInput};
 use crate::inputs::{model_file, parameter_values, posterior_file};
 use crate::terminal::{output, progress};
 use anyhow::{Context, Result};
@@ -13,7 +13,7 @@ use catenary_core::{Fidelity, Judge, Model, Policy, SimulationRequest, seed};
 use catenary_shell::{Shutdown, files};
 use catenary_simulator::{BeamSimulator, workers};
 use ppo_trainer::Domains;
-use ppo_trainer::plan_search::{EPISODES_STREAM, episodes_of, search};
+use ppo_trainer::plan_search::{EPISODES_STREAM, MOST_STEPS, episodes_of, search};
 use serde::Serialize;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -38,6 +38,14 @@ pub fn run(arguments: &PlanArgs) -> Result<()> {
     let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
     let model = arguments.start.applied_to(model)?;
     let judge = Judge::of(&model).with_context(|| model_file::no_task(&arguments.model)).given()?;
+    let model = arguments.arm.applied_to(model)?;
+    if !is_searched(&model) {
+        let steps = judge.task().steps;
+        return Err(WrongInput::error(format!(
+            "task of {}: `steps`: expected at most {MOST_STEPS} for the search of a plan, got {steps}",
+            arguments.model.display()
+        )));
+    }
     let domains = match arguments.theta.is_empty() {
         true => posterior_file::domains(arguments.posterior.as_deref(), &model)?,
         false => parameter_values::whole_theta(&arguments.theta, &model).map(Domains::Point).given()?,
@@ -47,7 +55,8 @@ pub fn run(arguments: &PlanArgs) -> Result<()> {
     }
     let shutdown = Shutdown::new();
     catenary_shell::end_on_signals(&shutdown)?;
-    let mut policy = best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?;
+    let found = best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?;
+    let mut policy = found.context("a plan for a task of few steps")?;
     policy.start_speed_m_s = arguments.start.start_moving;
     if let Some(out) = &arguments.out {
         files::write(out, policy.to_bytes())?;
@@ -85,18 +94,28 @@ pub fn unseen(domains: &Domains, seed: u64) -> Result<SimulationRequest> {
 /// Draws of a number of objects, by a seed.
 pub type Rows<'a> = &'a dyn Fn(usize, u64) -> Result<Vec<Vec<f64>>>;
 
-/// Best plan for the objects of `rows`, with a progress bar.
+/// True if the best plan of the model's task is searched: it has few enough steps.
+pub fn is_searched(model: &Model) -> bool {
+    model.task.is_none_or(|task| task.steps <= MOST_STEPS)
+}
+
+/// Best plan for the objects of `rows`, with a progress bar. None, which is told, for a task of too many steps.
 ///
 /// # Errors
 /// [`Interrupted`] after Ctrl-C.
-pub fn best_shown(model: &Model, rows: Rows<'_>, search_seed: u64, shutdown: &Shutdown) -> Result<Policy> {
+pub fn best_shown(model: &Model, rows: Rows<'_>, search_seed: u64, shutdown: &Shutdown) -> Result<Option<Policy>> {
+    if !is_searched(model) {
+        let steps = model.task.map_or(0, |task| task.steps);
+        output::tell(&format!("no best plan: the task has {steps} steps, and the search is for at most {MOST_STEPS}"));
+        return Ok(None);
+    }
     let bar = progress::bar("best plan", 0.0)?;
     let found = best(model, rows, search_seed, workers::available(), &mut |share| {
         progress::advance(&bar, share);
         if shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     bar.finish_and_clear();
-    found?.ok_or_else(|| Interrupted::lost("the search of the best plan").into())
+    found?.map(Some).ok_or_else(|| Interrupted::lost("the search of the best plan").into())
 }
 
 /// Policy of the best plan for the objects of `rows`; none if the progress ended the search.

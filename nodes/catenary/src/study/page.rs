@@ -102,7 +102,9 @@ pub fn page(study: &Study, data: &Data<'_>) -> Result<String> {
         match (plan.observes.history, plan.observes.time) {
             (0, false) => String::new(),
             (n, time) => {
-                format!(" The policies see the newest observation{}, and {n} before it.", if time { ", the time" } else { "" })
+                let time = if time { ", the time" } else { "" };
+                let before = if n > 0 { format!(", and {n} before it") } else { String::new() };
+                format!(" The policies see the newest observation{time}{before}.")
             }
         }
     ));
@@ -208,10 +210,12 @@ fn policies(page: &mut Page, study: &Study, task: &TaskResult) {
     let plans: Vec<String> = plans.chain([String::new()]).collect();
     let rows = shown.map(row).chain((!task.best_plans.is_empty()).then_some(plans));
     page.table(&head, &rows.collect::<Vec<Vec<String>>>());
-    page.note(
-        "Mean reward and share of successes, over all trainings and episodes; at the end, the interquartile mean. Best plan found: for each \
-         object the plan that a search finds with its hidden values; it sees the target once, and nothing else.",
-    );
+    let of_plans = "Best plan found: for each object the plan that a search finds with its hidden values; it sees the target once, and nothing \
+                    else.";
+    page.note(&format!(
+        "Mean reward and share of successes, over all trainings and episodes; at the end, the interquartile mean. {}",
+        if task.best_plans.is_empty() { "" } else { of_plans }
+    ));
 }
 
 /// Reward against what the posterior knows. Nothing for a study of one evidence.

@@ -7,6 +7,7 @@ use crate::exit::{Given, WrongInput};
 use crate::graph::own::Cell;
 use crate::inputs::model_file;
 use crate::options::{ArmOption, TaskOption};
+use crate::plan::is_searched;
 use crate::terminal::output;
 use anyhow::{Context, Result, ensure};
 use catenary_core::Model;
@@ -189,7 +190,7 @@ impl Plan {
             seeds: arguments.seeds,
             steps: training.total_steps,
             observes: training.observes,
-            searches_plans: !arguments.no_plan,
+            searches_plans: !arguments.no_plan && models.iter().all(is_searched),
             preset: arguments.preset.name().to_owned(),
             episodes: arguments.episodes,
             repeats: arguments.repeats,

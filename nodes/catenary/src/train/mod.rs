@@ -49,7 +49,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let plan = match &arguments.plan {
         Some(path) => Some(read_plan(path, &model).given()?),
         None if arguments.no_plan => None,
-        None => Some(plan::best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?),
+        None => plan::best_shown(&model, &|n, draws| Ok(domains.rows(n, draws)?), arguments.seed, &shutdown)?,
     };
     // A preset that begins without a plan is measured by it all the same.
     let begins_with = plan.as_ref().filter(|_| arguments.plan.is_some() || settings.searches_plan);
@@ -61,7 +61,8 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
         None => local::run(arguments, &model, &domains, &settings, &shutdown)?,
     };
     if let Some(plan) = plan.filter(|_| interrupted.is_none()) {
-        report.scored = scored::scored(&model, &domains, &arguments.out, plan, arguments.seed, &shutdown)?;
+        let name = arguments.plan.clone().unwrap_or_else(|| PathBuf::from(plan::NAME));
+        report.scored = scored::scored(&model, &domains, &arguments.out, (name, plan), arguments.seed, &shutdown)?;
     }
     arguments.page.write(|| page::page(&report))?;
     output::result(&arguments.output, &report, Report::words)?;
@@ -77,5 +78,8 @@ fn read_plan(path: &Path, model: &Model) -> Result<Policy> {
     ensure!(steps == most, "--plan {shown}: `steps` is {steps}, the task has {most}");
     let judge = Judge::of(model).context("the model has a task")?;
     Runner::new(plan.clone(), judge, policy_runner::Settings::default()).with_context(|| format!("--plan {shown}"))?;
+    if let Some(other) = plan.other_arm(&model.arm.law) {
+        output::warn(&format!("--plan {shown}: {other}"));
+    }
     Ok(plan)
 }

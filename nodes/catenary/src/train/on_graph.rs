@@ -34,7 +34,7 @@ pub fn run(
         preset: arguments.preset.name().to_owned(),
         total_steps: arguments.steps.unwrap_or(0),
         history: arguments.observes.history.unwrap_or(0),
-        newest_only: arguments.observes.newest_only || arguments.observes.history == Some(0),
+        newest_only: arguments.observes.newest_only,
         plan: plan.map_or_else(Vec::new, Policy::to_bytes),
         fidelity: SimulateRequest::FIDELITY_FAST,
         seed: arguments.seed,
@@ -45,10 +45,13 @@ pub fn run(
     let Answer { name, result, .. } =
         request.send::<Train>(goal, &bar, |bar, feedback| show_training(bar, &feedback))?;
     ensure!(result.success, "{name}: {}", result.message);
-    let mut policy = Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
-    // The node knows the effects of the model, and not that the starts were meant to move.
-    policy.start_speed_m_s = arguments.start.start_moving;
-    catenary_shell::files::write(&arguments.out, policy.to_bytes())?;
+    let policy = Policy::from_bytes(&result.policy).with_context(|| name.clone())?;
+    // The node knows the effects of the model, and not that the starts were meant to move. Else the bytes stay those of its answer.
+    let bytes = match arguments.start.start_moving {
+        Some(speed) => Policy { start_speed_m_s: Some(speed), ..policy }.to_bytes(),
+        None => result.policy.clone(),
+    };
+    catenary_shell::files::write(&arguments.out, bytes)?;
     let curve = convert_training::curve(&result).with_context(|| name.clone())?;
     let last = convert_training::last_episodes(&result).with_context(|| name.clone())?;
     // The node's answer does not say why the training ended.

@@ -2,10 +2,11 @@
 
 use crate::evaluate::beside_the_plan;
 use crate::evaluate::score::Evaluated;
+use crate::plan::NAME;
 use crate::report::Estimate;
 use ppo_trainer::{CurvePoint, Rise, Trained};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Result of a training.
 #[derive(Debug, Serialize)]
@@ -43,7 +44,7 @@ pub struct Scored {
     pub fidelity: &'static str,
     /// Trained policy.
     pub policy: Evaluated,
-    /// Best plan that a search found: what can be reached without feedback.
+    /// Best plan that a search found, or that of `--plan`: what can be reached without feedback.
     pub best_plan: Evaluated,
 }
 
@@ -54,9 +55,14 @@ impl Scored {
         let verdict = beside_the_plan(std::slice::from_ref(policy), best_plan);
         let success = |e: &Evaluated| e.success_rate.words(100.0, 0);
         format!(
-            "success {} % in {} unseen episodes at {fidelity} fidelity; the best plan found: {} %\n{verdict}",
+            "success {} % in {} unseen episodes at {fidelity} fidelity; {}: {} %\n{verdict}",
             success(policy),
             policy.returns.len(),
+            if best_plan.policy == Path::new(NAME) {
+                format!("the {NAME}")
+            } else {
+                best_plan.policy.display().to_string()
+            },
             success(best_plan)
         )
     }

@@ -12,18 +12,18 @@ use catenary_shell::Shutdown;
 use ppo_trainer::Domains;
 use std::path::{Path, PathBuf};
 
-/// Scores the policy of the file `out` and a plan on the same episodes, with a progress bar. None after Ctrl-C: the policy is written already.
+/// Scores the policy of the file `out` and a plan with its name on the same episodes, with a progress bar. None after Ctrl-C: the policy is written already.
 pub fn scored(
     model: &Model,
     domains: &Domains,
     out: &Path,
-    plan: Policy,
+    plan: (PathBuf, Policy),
     seed: u64,
     shutdown: &Shutdown,
 ) -> Result<Option<Scored>> {
     let judge = Judge::of(model).context("a training has a task")?;
     let requested = plan::unseen(domains, seed)?;
-    let policies = vec![(out.to_owned(), policy_file::read(out)?.0), (PathBuf::from(plan::NAME), plan)];
+    let policies = vec![(out.to_owned(), policy_file::read(out)?.0), plan];
     let all = policies.len() * requested.thetas.len();
     let bar = progress::bar("unseen episodes", 0.0)?;
     let both = score(model, &judge, policies, &requested, &mut |_, done| {
