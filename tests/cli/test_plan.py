@@ -38,7 +38,8 @@ def test_a_training_is_scored_beside_the_plan_it_began_with(plan, training, fold
     assert scored["policy"]["success_rate"]["value"] >= 0.97, scored["policy"]["success_rate"]
     # The same episodes in both commands.
     assert scored["best_plan"]["returns"] == plan["returns"]
-    assert "the best plan found: " in (folder / "page.html").read_text()
+    rate = 100 * scored["best_plan"]["success_rate"]["value"]
+    assert f"plan.safetensors: {rate:.0f}" in (folder / "page.html").read_text()
 
 
 def test_a_training_ends_when_its_return_is_flat_and_goes_on_when_asked(training, program, folder):
@@ -56,7 +57,16 @@ def test_an_evaluation_has_a_row_of_the_best_plan(plan, program, folder):
     # The file has the same plan: with the same seed the search finds it again.
     assert report["best_plan"]["returns"] == report["policies"][0]["returns"]
     words = program.text(*evaluation, folder=folder)
-    assert "best plan found: return " in words and "plan.safetensors: as good as the best plan" in words, words
+    assert "best plan found: return " in words and "plan.safetensors: no difference from the best plan was found" in words, words
+
+
+def test_no_plan_is_searched_for_a_task_of_many_steps(program, folder):
+    many = folder / "many.yaml"
+    many.write_text(MODEL.read_text().replace("  steps: 6\n", "  steps: 400\n"))
+    done = program("plan", "--model", many, folder=folder)
+    assert done.returncode == 2 and "`steps`: expected at most 32" in done.stderr, done.stderr
+    done = program("train", "--model", many, "--steps", 1, "--out", "short.safetensors", folder=folder)
+    assert done.returncode == 0 and "no best plan: the task has 400 steps" in done.stderr, done.stderr
 
 
 def test_a_policy_that_acts_by_more_than_a_plan_is_no_start(training, program, folder):

@@ -11,8 +11,8 @@ BIAS = (0.1, -0.05)
 def policy_file(action=BIAS, arm=None, start_speed=None):
     """Bytes of a safetensors file whose policy always chooses one action: 12 inputs with weight 0, two biases.
 
-    `arm`: text of the arm's law that it was trained for; None: the file says none. `start_speed`: greatest speed of the object at the starts of
-    its training, m/s; None: it was at rest.
+    `arm`: text of the arm's law that it was trained for; None: the file says none. `start_speed`: greatest speed in m/s of the object at
+    the starts of its training; None: it was at rest.
     """
     tensors = {
         "actor.0.weight": ([2, 12], [0.0] * 24),
