@@ -230,7 +230,8 @@ pub enum ArmLaw {
         /// Greatest speed in m/s.
         max_speed_m_s: f64,
     },
-    /// Cartesian impedance law, m x'' = K clip(r - x) - D x' - friction. Its reference r lags behind the target.
+    /// Cartesian impedance law, m x'' = K clip(r - x) - D x' - friction. Its reference r lags behind the target, and may have a
+    /// greatest speed.
     Impedance(Impedance),
 }
 
@@ -251,6 +252,9 @@ pub struct Impedance {
     pub mass_kg: f64,
     /// Effective Coulomb friction at the hand in N. A soft law stops short of its target by friction / K.
     pub friction_n: f64,
+    /// Greatest speed of the reference in m/s; none: no limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_speed_m_s: Option<f64>,
 }
 
 impl Default for Impedance {
@@ -262,11 +266,21 @@ impl Default for Impedance {
             reference_time_constant_s: 0.2,
             mass_kg: 3.0,
             friction_n: 0.0,
+            max_speed_m_s: None,
         }
     }
 }
 
 impl ArmLaw {
+    /// Greatest speed of an impedance's reference, m/s, which a law leaves out of its text without one.
+    #[must_use]
+    pub fn reference_limit_m_s(&self) -> Option<f64> {
+        match self {
+            ArmLaw::Lag { .. } => None,
+            ArmLaw::Impedance(law) => law.max_speed_m_s,
+        }
+    }
+
     /// Constants, each with its field name, value, plausible range and unit.
     pub(super) fn constants(&self) -> Vec<(&'static str, f64, [f64; 2], &'static str)> {
         match self {
@@ -274,14 +288,17 @@ impl ArmLaw {
                 ("arm.law.lag.max_speed_m_s", *max_speed_m_s, [1e-3, 5.0], "m/s"),
                 ("arm.law.lag.time_constant_s", *time_constant_s, [0.0, 5.0], "s"),
             ],
-            ArmLaw::Impedance(i) => vec![
+            ArmLaw::Impedance(i) => [
                 ("arm.law.impedance.stiffness_n_m", i.stiffness_n_m, [1.0, 1e5], "N/m"),
                 ("arm.law.impedance.clip_m", i.clip_m, [1e-4, 1.0], "m"),
                 ("arm.law.impedance.mass_kg", i.mass_kg, [0.01, 100.0], "kg"),
                 ("arm.law.impedance.damping_n_s_m", i.damping_n_s_m, [0.0, 1e4], "N s/m"),
                 ("arm.law.impedance.reference_time_constant_s", i.reference_time_constant_s, [0.0, 5.0], "s"),
                 ("arm.law.impedance.friction_n", i.friction_n, [0.0, 500.0], "N"),
-            ],
+            ]
+            .into_iter()
+            .chain(i.max_speed_m_s.map(|limit| ("arm.law.impedance.max_speed_m_s", limit, [1e-3, 5.0], "m/s")))
+            .collect(),
         }
     }
 }

@@ -39,11 +39,23 @@ impl fmt::Display for ArmLaw {
             }
             Self::Impedance(law) => {
                 let Impedance { stiffness_n_m, damping_n_s_m, clip_m, reference_time_constant_s, .. } = law;
+                let Impedance { mass_kg, friction_n, max_speed_m_s, .. } = law;
                 write!(
                     f,
                     "an impedance of {stiffness_n_m} N/m and {damping_n_s_m} N s/m with a clip of {clip_m} m and a reference \
                      {reference_time_constant_s} s behind"
-                )
+                )?;
+                max_speed_m_s.map_or(Ok(()), |limit| write!(f, " with at most {limit} m/s"))?;
+                // Two laws that differ in these alone would read alike. An arm's own announcement leaves them at the defaults.
+                let usual = Impedance::default();
+                for (name, value, usual, unit) in
+                    [("a mass", *mass_kg, usual.mass_kg, "kg"), ("friction", *friction_n, usual.friction_n, "N")]
+                {
+                    if value != usual {
+                        write!(f, ", {name} of {value} {unit}")?;
+                    }
+                }
+                Ok(())
             }
         }
     }
@@ -80,7 +92,8 @@ impl ArmLaw {
                 }
                 Self::Impedance(law) => {
                     let per_mass = PERIOD_S / law.mass_kg;
-                    reference_m += nearer(law.reference_time_constant_s) * (STEP_M - reference_m);
+                    let fastest_m = law.max_speed_m_s.map_or(f64::INFINITY, |limit| PERIOD_S * limit);
+                    reference_m += (nearer(law.reference_time_constant_s) * (STEP_M - reference_m)).min(fastest_m);
                     let pull_n = law.stiffness_n_m * f64::clamp(reference_m - way_m, -law.clip_m, law.clip_m);
                     // Damping is implicit, and friction takes at most the whole speed.
                     let damped = 1.0 / (1.0 + per_mass * law.damping_n_s_m);
@@ -116,18 +129,27 @@ mod tests {
         reference_time_constant_s: 0.2,
         mass_kg: 3.0,
         friction_n: 0.0,
+        max_speed_m_s: None,
     });
 
     fn lag(time_constant_s: f64) -> ArmLaw {
         ArmLaw::Lag { time_constant_s, max_speed_m_s: 0.5 }
     }
 
+    /// Law of the bridge whose reference has a greatest speed.
+    fn limited(max_speed_m_s: f64) -> ArmLaw {
+        let ArmLaw::Impedance(law) = BRIDGE else { unreachable!("it is an impedance") };
+        ArmLaw::Impedance(Impedance { max_speed_m_s: Some(max_speed_m_s), ..law })
+    }
+
     #[test]
     fn the_text_of_a_law_reads_as_that_law_and_a_part_of_it_keeps_the_defaults() {
-        for law in [BRIDGE, lag(0.16)] {
+        for law in [BRIDGE, limited(0.1), lag(0.16)] {
             assert_eq!(ArmLaw::from_text(&law.to_text()).unwrap(), law);
         }
         assert_eq!(ArmLaw::from_text("impedance: {clip_m: 0.02}").unwrap(), BRIDGE);
+        assert_eq!(ArmLaw::from_text("impedance: {clip_m: 0.02, max_speed_m_s: 0.1}").unwrap(), limited(0.1));
+        assert!(!BRIDGE.to_text().contains("max_speed_m_s"), "{}", BRIDGE.to_text());
     }
 
     #[test]
@@ -135,6 +157,7 @@ mod tests {
         for (text, words) in [
             ("{lag: {time_constant_s: -1.0, max_speed_m_s: 0.5}}", "`arm_law.lag.time_constant_s`"),
             ("{lag: {time_constant_s: 0.1}}", "max_speed_m_s"),
+            ("{impedance: {max_speed_m_s: 0.0}}", "`arm_law.impedance.max_speed_m_s`"),
             ("spring", "spring"),
         ] {
             let error = ArmLaw::from_text(text).unwrap_err().to_string();
@@ -154,10 +177,21 @@ mod tests {
     }
 
     #[test]
+    fn a_slow_reference_is_another_arm_and_a_limit_that_is_not_reached_changes_no_bit() {
+        // The step begins at 0.06 m / 0.2 s = 0.3 m/s.
+        assert_eq!(limited(0.5).step_response_m(), BRIDGE.step_response_m());
+        let gap = limited(0.1).gap(&limited(0.5)).expect("0.1 m/s is slower");
+        assert!((0.015..0.022).contains(&gap.apart_m), "{gap}");
+    }
+
+    #[test]
     fn a_law_in_words_has_its_constants() {
         assert_eq!(lag(0.16).to_string(), "a lag of 0.16 s with at most 0.5 m/s");
         let words = "an impedance of 2000 N/m and 89 N s/m with a clip of 0.02 m and a reference 0.2 s behind";
         assert_eq!(BRIDGE.to_string(), words);
+        assert_eq!(limited(0.1).to_string(), format!("{words} with at most 0.1 m/s"));
+        let other = Impedance { clip_m: 0.02, friction_n: 10.0, mass_kg: 4.0, ..Impedance::default() };
+        assert_eq!(ArmLaw::Impedance(other).to_string(), format!("{words}, a mass of 4 kg, friction of 10 N"));
         let gap = LawGap { apart_m: 0.0071, after_s: 0.2 };
         assert_eq!(gap.to_string(), "7 mm apart 0.20 s after a step of 60 mm");
     }
