@@ -156,7 +156,7 @@ impl ArmModel {
     }
 
     /// Makes one tick of the impedance law m x'' = K clip(r - x) - D x' - friction. The reference r lags behind the
-    /// target.
+    /// target, and keeps to its greatest speed along the way.
     fn impedance(&mut self, position_m: [f64; 2], target_m: [f64; 2], law: &Impedance) -> [f64; 2] {
         let tau_s = law.reference_time_constant_s + self.settings.extra_lag_s;
         let nearer = if tau_s > 0.0 { -(-TICK_S / tau_s).exp_m1() } else { 1.0 };
@@ -164,8 +164,16 @@ impl ArmModel {
         // Damping is implicit, so that a stiff law stays stable at 1 ms.
         let damped = 1.0 / (1.0 + per_mass * law.damping_n_s_m);
         let mut velocity = [0.0; 2];
+        let mut way_m = [0, 1].map(|i| nearer * (target_m[i] - self.reference_m[i]));
+        if let Some(limit) = law.max_speed_m_s {
+            let (length_m, farthest_m) = (way_m[0].hypot(way_m[1]), TICK_S * limit);
+            // A slower reference keeps its way to the bit.
+            if length_m > farthest_m {
+                way_m = way_m.map(|v| v * (farthest_m / length_m));
+            }
+        }
         for i in 0..2 {
-            self.reference_m[i] += nearer * (target_m[i] - self.reference_m[i]);
+            self.reference_m[i] += way_m[i];
             let error_m = (self.reference_m[i] - position_m[i]).clamp(-law.clip_m, law.clip_m);
             velocity[i] = damped * (self.velocity_m_s[i] + per_mass * law.stiffness_n_m * error_m);
         }
@@ -284,12 +292,36 @@ mod tests {
     #[test]
     fn the_response_by_which_laws_are_compared_is_that_of_the_simulated_arm() {
         let times: Vec<f64> = (1..=1500).map(|i| 1e-3 * f64::from(i)).collect();
-        for settings in [lag(0.16), lag(0.0), impedance(|law| (law.clip_m, law.friction_n) = (0.02, 2.0))] {
+        let slow = impedance(|law| (law.clip_m, law.max_speed_m_s) = (0.02, Some(0.1)));
+        for settings in [lag(0.16), lag(0.0), impedance(|law| (law.clip_m, law.friction_n) = (0.02, 2.0)), slow] {
             let simulated = after_six_centimetres(&settings, &times);
             let compared = settings.law.step_response_m();
             let apart = simulated.iter().zip(&compared).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(simulated.len() == compared.len() && apart < 2e-4, "{apart} m apart with {}", settings.law);
         }
+    }
+
+    #[test]
+    fn a_reference_that_is_slower_than_its_limit_keeps_every_bit_and_a_faster_one_keeps_to_it() {
+        let path = |max_speed_m_s, delta_m: [f64; 2]| {
+            let mut arm =
+                ArmModel::new(&impedance(|law| (law.clip_m, law.max_speed_m_s) = (0.02, max_speed_m_s)), [0.4, 0.4]);
+            let step = |k: u32| {
+                arm.set_delta(0.25 * f64::from(k), delta_m);
+                arm.run_to(0.25 * f64::from(k + 1));
+                arm.position_m(0.25 * f64::from(k + 1))
+            };
+            (0..8).map(step).collect::<Vec<[f64; 2]>>()
+        };
+        // A target leads the hand by at most 90 mm: 0.45 m/s.
+        assert_eq!(path(Some(0.5), [0.06, 0.0]), path(None, [0.06, 0.0]));
+        assert_eq!(path(Some(0.5), [0.06, -0.06]), path(None, [0.06, -0.06]));
+        assert_ne!(path(Some(0.4), [0.06, -0.06]), path(None, [0.06, -0.06]));
+        let mut slow = ArmModel::new(&impedance(|law| law.max_speed_m_s = Some(0.1)), [0.0, 0.0]);
+        slow.set_target(0.0, [0.3, 0.4]);
+        slow.run_to(2.0);
+        let [x, z] = slow.reference_m;
+        assert!((x.hypot(z) - 0.2).abs() < 1e-9 && (z / x - 4.0 / 3.0).abs() < 1e-9, "({x}, {z})");
     }
 
     #[test]

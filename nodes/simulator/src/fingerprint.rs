@@ -20,9 +20,9 @@ pub fn fingerprint(model: &Model) -> u64 {
 fn hash(model: &Model, outcome: &Result<Vec<f64>, String>) -> u64 {
     // A model leaves out some fields at their defaults, and postcard has no field names. These fields come first, in
     // full, so that no two models have one encoding.
-    let Model { nominal, lacking, task, .. } = model;
-    let goal = task.map(|task| task.goal);
-    identity::fingerprint(&(nominal, lacking, goal, model, outcome))
+    let Model { nominal, lacking, task, arm, .. } = model;
+    let (goal, limit) = (task.map(|task| task.goal), arm.law.reference_limit_m_s());
+    identity::fingerprint(&(nominal, lacking, goal, limit, model, outcome))
 }
 
 /// Simulates the probe episode: the hand goes sideways and turns a little.
@@ -58,6 +58,7 @@ mod tests {
     use super::*;
     use crate::model_text;
     use catenary_core::Goal;
+    use catenary_core::model::{ArmLaw, Impedance};
 
     const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
     const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
@@ -81,8 +82,16 @@ mod tests {
         let mut nominal = model.clone();
         nominal.nominal.insert("length_m".into(), 0.25);
         let outcome = Ok(Vec::new());
-        let hashes = [&model, &goal, &nominal].map(|m| hash(m, &outcome));
-        assert!(hashes[0] != hashes[1] && hashes[0] != hashes[2] && hashes[1] != hashes[2], "{hashes:?}");
+        let with_law = |law| {
+            let mut model = model.clone();
+            model.arm.law = ArmLaw::Impedance(law);
+            model
+        };
+        let stiff = with_law(Impedance::default());
+        let slow = with_law(Impedance { max_speed_m_s: Some(0.1), ..Impedance::default() });
+        let hashes = [&model, &goal, &nominal, &stiff, &slow].map(|m| hash(m, &outcome));
+        let different: std::collections::HashSet<u64> = hashes.into_iter().collect();
+        assert_eq!(different.len(), hashes.len(), "{hashes:?}");
     }
 
     #[test]
