@@ -2,6 +2,7 @@
 
 use crate::kinematics::JOINTS;
 use crate::law::REFERENCE_TIME_S;
+use crate::speed::SpeedLimit;
 use catenary_core::model::{ArmLaw, Impedance};
 use thiserror::Error;
 
@@ -83,15 +84,17 @@ pub struct BeyondThreshold {
 }
 
 impl Compliance {
-    /// Law in the terms of a model, for motions in the plane of x and z. The model has one stiffness and one damping: those along x. Mass and
-    /// friction of the arm are unknown here: they keep the model's defaults.
+    /// Law in the terms of a model, for motions in the plane of x and z, of an arm that follows targets at most at `speed`. The model has one
+    /// stiffness and one damping: those along x. Mass and friction of the arm are unknown here: they keep the model's defaults.
     #[must_use]
-    pub fn arm_law(&self) -> ArmLaw {
+    pub fn arm_law(&self, speed: &SpeedLimit) -> ArmLaw {
         ArmLaw::Impedance(Impedance {
             stiffness_n_m: self.stiffness[0],
             damping_n_s_m: self.damping[0],
             clip_m: self.error_clip_m,
             reference_time_constant_s: REFERENCE_TIME_S,
+            // A model states no infinite limit.
+            max_speed_m_s: Some(speed.linear_m_s).filter(|limit| limit.is_finite()),
             ..Impedance::default()
         })
     }
@@ -160,11 +163,16 @@ mod tests {
 
     #[test]
     fn gains_are_a_models_law_along_x() {
-        let ArmLaw::Impedance(law) = (Compliance { error_clip_m: 0.02, ..Compliance::default() }).arm_law() else {
-            panic!("the bridge has an impedance law")
+        let clipped = Compliance { error_clip_m: 0.02, ..Compliance::default() };
+        let slow = SpeedLimit { linear_m_s: 0.1, ..SpeedLimit::default() };
+        let law = |speed: &SpeedLimit| {
+            let ArmLaw::Impedance(law) = clipped.arm_law(speed) else { panic!("the bridge has an impedance law") };
+            law
         };
         let expected = Impedance { clip_m: 0.02, stiffness_n_m: 2000.0, damping_n_s_m: 89.0, ..Impedance::default() };
-        assert_eq!(law, Impedance { reference_time_constant_s: 0.2, ..expected });
+        let expected = Impedance { reference_time_constant_s: 0.2, ..expected };
+        assert_eq!(law(&slow), Impedance { max_speed_m_s: Some(0.1), ..expected });
+        assert_eq!(law(&SpeedLimit::NONE), expected);
     }
 
     #[test]

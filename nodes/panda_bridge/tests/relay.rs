@@ -12,10 +12,11 @@ use catenary_msgs::msg::{AcceptedTarget, ArmState, EpisodeEvent};
 use catenary_msgs::rosgraph_msgs::msg::Clock;
 use catenary_msgs::sensor_msgs::msg::JointState;
 use catenary_msgs::srv::{SetCompliance, SetComplianceRequest};
+use catenary_msgs::std_msgs::msg::String as Text;
 use catenary_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 use catenary_shell::contract::{
-    ACCEPTED_TARGET, ARM_STATE, CURRENT_POSE, ENABLE, EPISODE_EVENT, JOINT_STATES, MOVE_TO_START, SET_COMPLIANCE,
-    TARGET_POSE,
+    ACCEPTED_TARGET, ARM_LAW, ARM_STATE, CURRENT_POSE, ENABLE, EPISODE_EVENT, JOINT_STATES, MOVE_TO_START,
+    SET_COMPLIANCE, TARGET_POSE,
 };
 use catenary_shell::{
     Discovery, DomainClaim, Latest, Node, NodeBuilder, Param, ParamSpec, Publisher, Qos, Queue, RosArgs, Status,
@@ -400,6 +401,8 @@ fn compliance_becomes_the_controllers_parameters() {
     let process = relay(5, &[]);
     let client = Client::join(5, ArmState::MODE_IDLE);
     let setter = client.node.client::<SetCompliance>(SET_COMPLIANCE.name).unwrap();
+    let law: Latest<Text> = client.node.latest(ARM_LAW.name, ARM_LAW.qos).unwrap();
+    assert!(client.node.publishers(ARM_LAW.name).unwrap().is_empty(), "a relay that knows no law offers no topic");
     let wanted = SetComplianceRequest {
         stiffness: [1500.0, 1500.0, 1500.0, 100.0, 100.0, 100.0],
         damping: [70.0, 70.0, 70.0, 6.0, 6.0, 6.0],
@@ -408,6 +411,10 @@ fn compliance_becomes_the_controllers_parameters() {
     let answer = setter.call(wanted.clone(), SOON).unwrap();
     assert!(answer.success, "{}", answer.message);
     assert_eq!((controller.stiffness.get(), controller.clip.get()), (1500.0, 0.02));
+    let announced = law.wait_newer(0, SOON).expect("the law of the new gains").message.data.clone();
+    for part in ["\"stiffness_n_m\":1500.0", "\"max_speed_m_s\":0.5"] {
+        assert!(announced.contains(part), "{announced}");
+    }
     // The bridge accepts 2900 N/m, this controller does not: it must set none of the values.
     let stiff = SetComplianceRequest { stiffness: [2900.0, 1.0, 1.0, 1.0, 1.0, 1.0], ..wanted.clone() };
     let answer = setter.call(stiff, SOON).unwrap();

@@ -133,8 +133,8 @@ fn run(builder: NodeBuilder) -> Result<()> {
     let arm = Arm::new(cell, arm::settings(&model));
     let front = Front::new(&node, origin, p.moves, arm)?;
     // Kept: a later subscriber gets the law from it.
-    let law = LawTopic::new(&node)?;
-    law.announce(&model.arm.law);
+    let law = LawTopic::new(&node);
+    law.announce(&model.arm.law)?;
     // The arm model has no gains: valid settings are accepted with this answer, invalid ones are refused as on the real
     // arm.
     let _served = front.serve(|_| Ok("the simulated arm keeps its time constant".to_owned()), || Ok(()))?;

@@ -159,6 +159,43 @@ fn a_far_target_is_followed_no_faster_than_the_limit() {
     assert!((before.translation.x - m.pose.translation.x - 0.1).abs() < 1e-3, "0.1 m in a second: {before}");
 }
 
+/// Way of a hand of 3 kg along x after each millisecond, m, when this law drives it to a target 60 mm ahead.
+fn response_m(compliance: Compliance, speed: SpeedLimit) -> Vec<f64> {
+    let rest = motion(READY_RAD, [0.0; JOINTS]);
+    let mut law = ImpedanceLaw::new(LawSettings { speed, ..LawSettings::default() }, compliance, &rest);
+    law.set_target(shifted(&rest, 0.06));
+    let square = rest.jacobian * rest.jacobian.transpose();
+    let joints_per_twist = rest.jacobian.transpose() * square.try_inverse().expect("the ready pose is no singularity");
+    let (mut way_m, mut speed_m_s) = (0.0, 0.0);
+    let mut cycle = || {
+        let dq = joints_per_twist * Vector6::new(speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let now = ArmMotion { dq, pose: shifted(&rest, way_m), ..rest.clone() };
+        speed_m_s += CYCLE_S * force(&law.torques(&now), &rest.jacobian)[0] / 3.0;
+        way_m += CYCLE_S * speed_m_s;
+        way_m
+    };
+    (0..1500).map(|_| cycle()).collect()
+}
+
+#[test]
+fn the_announced_law_responds_as_this_one_also_with_a_slow_reference() {
+    let first_day = Compliance {
+        stiffness: [400.0, 400.0, 400.0, 30.0, 30.0, 30.0],
+        damping: [40.0, 40.0, 40.0, 3.0, 3.0, 3.0],
+        error_clip_m: 0.03,
+    };
+    let emulated = Compliance { error_clip_m: 0.02, ..Compliance::default() };
+    for compliance in [first_day, emulated, Compliance::default()] {
+        for linear_m_s in [0.1, 0.5] {
+            let speed = SpeedLimit { linear_m_s, ..SpeedLimit::default() };
+            let (law, announced) = (response_m(compliance, speed), compliance.arm_law(&speed));
+            let apart = law.iter().zip(announced.step_response_m()).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            // Left out is the force that fades from 0.85 of the limit: 2.6 mm with the gains of the first day at 0.1 m/s. 3 mm count as none.
+            assert!(apart < 3e-3, "{} mm apart from {announced}", 1e3 * apart);
+        }
+    }
+}
+
 #[test]
 fn the_posture_is_approached_slowly_and_its_spring_has_a_limit() {
     let m = motion(READY_RAD, [0.0; JOINTS]);

@@ -125,13 +125,13 @@ pub fn run(node: &Node, settings: Settings, transport: FciSettings, moves: MoveP
     let asked = Arc::clone(&link);
     let front = Front::with_readiness(node, origin, moves, arm, move |_| asked.unready())?;
     let (set, recovered) = (Arc::clone(&link), Arc::clone(&link));
-    let (gate, law) = (Arc::clone(&front), LawTopic::new(node)?);
-    law.announce(&compliance.arm_law());
+    let (gate, law) = (Arc::clone(&front), LawTopic::new(node));
+    law.announce(&compliance.arm_law(&speed))?;
     let _served = front.serve(
         move |compliance| {
             compliance.check_thresholds(&collision.wrench, &collision.torque_n_m).map_err(|e| e.to_string())?;
             set.set_compliance(*compliance);
-            law.announce(&compliance.arm_law());
+            law.announce(&compliance.arm_law(&speed)).map_err(|e| e.to_string())?;
             Ok(String::new())
         },
         move || {

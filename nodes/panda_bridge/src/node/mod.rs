@@ -22,7 +22,7 @@ pub fn main(args: Vec<String>) -> ExitCode {
 }
 
 /// Law of a bridge with these arguments, from its parameters alone: nothing is started. It is that of `controller.arm_law` where the relay
-/// has one, else that of the gains `fci.*`.
+/// has one, else that of the gains `fci.*` and of `follow_speed_m_s`.
 ///
 /// # Errors
 /// A parameter that the bridge would refuse, too.
@@ -32,7 +32,7 @@ pub fn law_of(arguments: &RosArgs) -> Result<ArmLaw> {
     let of_the_controller = if transport == "fci" { None } else { settings::law(&builder)? };
     match of_the_controller {
         Some(law) => Ok(law),
-        None => Ok(transport::compliance(&builder)?.arm_law()),
+        None => Ok(transport::compliance(&builder)?.arm_law(&settings::speed(&builder)?)),
     }
 }
 

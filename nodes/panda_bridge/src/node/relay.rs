@@ -7,6 +7,7 @@ use super::parameters;
 use super::settings::{ControllerNames, Settings};
 use super::topics::LawTopic;
 use crate::arm::Arm;
+use crate::compliance::Compliance;
 use crate::convert;
 use crate::gate::{BASE_FRAME, Heard, Mode, Stranger, Writer};
 use crate::pose::ArmPose;
@@ -74,12 +75,12 @@ struct Relay {
 
 /// Runs the relay until shutdown.
 pub fn run(node: &Node, settings: Settings, moves: MoveParameters) -> Result<()> {
-    let (names, known_law) = (settings.controller, settings.law);
+    let (names, known_law, speed) = (settings.controller, settings.law, settings.speed);
     refuse_collisions(node, &names)?;
     meet_others(node);
     let origin = node.now();
     let targets = node.publisher::<PoseStamped>(&names.target_pose, contract::TARGET_POSE.qos)?;
-    let controller = Controller::new(node, origin, targets.clone(), &names, settings.speed);
+    let controller = Controller::new(node, origin, targets.clone(), &names, speed);
     // Disconnected until the controller's first pose.
     let mut arm = Arm::new(controller, settings.arm);
     arm.connection(false);
@@ -89,11 +90,15 @@ pub fn run(node: &Node, settings: Settings, moves: MoveParameters) -> Result<()>
     let front = Front::with_readiness(node, origin, moves, arm, readiness)?;
     let relay = Arc::new(Relay { front: Arc::clone(&front), link: Mutex::new(link) });
     let _measuring = relay.subscribe(node, &names, settings.silence)?;
-    let (law, mut set) = (LawTopic::new(node)?, parameters::setter(node, &names.node)?);
+    let (law, mut set) = (LawTopic::new(node), parameters::setter(node, &names.node)?);
     // The relay cannot see the controller's law. A wrong one would be worse than none.
-    known_law.iter().for_each(|known| law.announce(known));
-    let _served =
-        front.serve(move |compliance| set(compliance).inspect(|_| law.announce(&compliance.arm_law())), || Ok(()))?;
+    known_law.map_or(Ok(()), |known| law.announce(&known))?;
+    let set_and_announce = move |compliance: &Compliance| {
+        let answer = set(compliance)?;
+        law.announce(&compliance.arm_law(&speed)).map_err(|e| e.to_string())?;
+        Ok(answer)
+    };
+    let _served = front.serve(set_and_announce, || Ok(()))?;
     relay.report(node)?;
     relay.run(node)
 }

@@ -94,7 +94,8 @@ pub(super) fn law(b: &NodeBuilder) -> Result<Option<ArmLaw>> {
     ArmLaw::from_text(&given).map(Some).context("parameter controller.arm_law")
 }
 
-fn speed(b: &NodeBuilder) -> Result<SpeedLimit> {
+/// Declares and reads the greatest speed of followed targets.
+pub(super) fn speed(b: &NodeBuilder) -> Result<SpeedLimit> {
     let d = SpeedLimit::default();
     let linear = "Greatest speed of the hand on the way to a target: a farther target is followed at this speed.";
     let angular = "Greatest angular speed of the hand on the way to a target.";

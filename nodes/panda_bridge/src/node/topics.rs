@@ -12,6 +12,7 @@ use catenary_msgs::std_msgs::msg::String as Text;
 use catenary_msgs::tf2_msgs::msg::TFMessage;
 use catenary_shell::{Node, Publisher, ShellError, Time, contract, stamp};
 use nalgebra::Vector6;
+use std::sync::{Mutex, PoisonError};
 
 /// Measurement of an arm.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,22 +79,32 @@ impl ArmTopics {
     }
 }
 
-/// Topic on which an arm announces its law, so that policies and trainings can be compared with it.
-#[derive(Clone)]
-pub struct LawTopic(Publisher<Text>);
+/// Topic on which an arm announces its law, so that policies and trainings can be compared with it. It is offered with the first law: who
+/// finds no publisher need not wait for a message.
+pub struct LawTopic {
+    node: Node,
+    offered: Mutex<Option<Publisher<Text>>>,
+}
 
 impl LawTopic {
-    /// Creates the publisher.
-    ///
-    /// # Errors
-    /// [`ShellError`]: the name after remapping, the middleware.
-    pub fn new(node: &Node) -> Result<Self, ShellError> {
-        Ok(Self(node.publisher(contract::ARM_LAW.name, contract::ARM_LAW.qos)?))
+    /// Topic of an arm that has told nothing yet.
+    #[must_use]
+    pub fn new(node: &Node) -> Self {
+        Self { node: node.clone(), offered: Mutex::new(None) }
     }
 
-    /// Announces the law. Later subscribers get the newest one, too.
-    pub fn announce(&self, law: &ArmLaw) {
+    /// Announces the law. Later subscribers get the newest one, too, as long as this value lives.
+    ///
+    /// # Errors
+    /// [`ShellError`]: the name after remapping, the middleware. Possible for the first law alone, which creates the publisher.
+    pub fn announce(&self, law: &ArmLaw) -> Result<(), ShellError> {
         tracing::info!("the arm follows targets as {law}");
-        self.0.send(Text { data: law.to_text() });
+        let mut offered = self.offered.lock().unwrap_or_else(PoisonError::into_inner);
+        let publisher = match offered.take() {
+            Some(publisher) => publisher,
+            None => self.node.publisher(contract::ARM_LAW.name, contract::ARM_LAW.qos)?,
+        };
+        offered.insert(publisher).send(Text { data: law.to_text() });
+        Ok(())
     }
 }

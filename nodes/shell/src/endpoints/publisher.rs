@@ -52,8 +52,9 @@ impl Node {
     pub fn publisher<M: Msg>(&self, topic: &str, qos: Qos) -> Result<Publisher<M>, ShellError> {
         let qos = self.profile(qos).of_writer();
         // A second publisher on one of these topics prevents the arm from moving, so a dead one must be noticed soon.
+        let alone = [contract::TARGET_POSE, contract::ARM_LAW];
         let decides = contract::topic(topic)
-            .is_some_and(|topic| *topic == contract::TARGET_POSE || contract::ARM_TOPICS.contains(&topic.name));
+            .is_some_and(|topic| alone.contains(topic) || contract::ARM_TOPICS.contains(&topic.name));
         let policies = if decides { qos.policies_with_lease() } else { qos.policies() };
         let name = self.topic::<M>(topic)?;
         let writer = self.graph().writer(&name, M::TYPE_NAME, &policies)?;
