@@ -50,7 +50,8 @@ def test_the_arm_announces_its_law(graph):
     if graph.cell == "sim":
         assert law == json.loads(MODELS_LAG)
     else:
-        assert (law["impedance"]["stiffness_n_m"], law["impedance"]["clip_m"]) == (2000.0, 0.02)
+        law = law["impedance"]
+        assert (law["stiffness_n_m"], law["clip_m"], law["max_speed_m_s"]) == (2000.0, 0.02, 0.5)
 
 
 def test_a_policy_for_another_arm_is_refused_by_name_before_anything_moves(graph):
@@ -97,5 +98,6 @@ def test_a_training_beside_a_running_graph_is_for_its_arm(graph):
         assert (graph.folder / "pi.safetensors").read_bytes() == (graph.folder / "model.safetensors").read_bytes()
     else:
         assert "arm: an impedance of 2000 N/m" in done.stderr and "--arm model keeps a lag of 0.16 s" in done.stderr
+        assert "simulated arm: an impedance of 2000 N/m" in done.stdout and "simulated arm" not in kept.stdout
         assert "was trained for an impedance" in on_the_models.stderr and "this arm is a lag of 0.16 s" in on_the_models.stderr
         assert others.returncode == 2 and "was trained for a lag of 0.16 s" in others.stderr, others.stderr

@@ -22,6 +22,8 @@ pub const EXTENSION: &str = "state";
 pub struct Kept {
     path: PathBuf,
     fingerprint: u64,
+    /// Further reason in words for which a state may be of other work.
+    reason: Option<String>,
 }
 
 impl Kept {
@@ -29,14 +31,19 @@ impl Kept {
     pub fn beside(out: &Path, fingerprint: u64) -> Self {
         let mut name = out.as_os_str().to_owned();
         name.push(format!(".{EXTENSION}"));
-        Self { path: name.into(), fingerprint }
+        Self { path: name.into(), fingerprint, reason: None }
     }
 
     /// File of a command whose results have no folder: in that of the command's states, `catenary/COMMAND` in ROS_HOME or ~/.ros. None
     /// without a home folder.
     pub fn of_command(command: &str, fingerprint: u64) -> Option<Self> {
         let folder = state_folder("", command)?;
-        Some(Self { path: state_file(&folder, fingerprint, EXTENSION), fingerprint })
+        Some(Self { path: state_file(&folder, fingerprint, EXTENSION), fingerprint, reason: None })
+    }
+
+    /// The file with a reason beside command line, files and program for which its state may be of other work.
+    pub fn with_reason(self, reason: String) -> Self {
+        Self { reason: Some(reason), ..self }
     }
 
     /// Path of the file.
@@ -75,9 +82,10 @@ impl Kept {
             return refuse("it is damaged: remove it to begin again");
         }
         if number(8) != self.fingerprint {
-            return refuse(
-                "it is of other work: expected the command line, the files and the program that it was made with",
-            );
+            let reason = self.reason.as_ref().map_or_else(String::new, |reason| format!("; {reason}"));
+            return refuse(&format!(
+                "it is of other work: expected the command line, the files and the program that it was made with{reason}"
+            ));
         }
         match postcard::from_bytes(state) {
             Ok(state) => Ok(Some(state)),
@@ -110,6 +118,8 @@ mod tests {
         };
         let other = Kept { fingerprint: 8, ..kept.clone() };
         assert!(words(&other).contains("policy.state: it is of other work"), "{}", words(&other));
+        let other = other.with_reason("another arm may be the reason".to_owned());
+        assert!(words(&other).ends_with("made with; another arm may be the reason"), "{}", words(&other));
         let mut bytes = std::fs::read(kept.path()).unwrap();
         *bytes.last_mut().unwrap() ^= 1;
         std::fs::write(kept.path(), &bytes).unwrap();

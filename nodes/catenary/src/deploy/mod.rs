@@ -3,9 +3,9 @@
 pub mod args;
 
 use crate::exit::WrongInput;
-use crate::graph::arm_law;
+use crate::graph::arm_law::{self, Told};
 use crate::graph::goal::{self, SilentServer, Unwatched, follow};
-use crate::graph::one_arm::ensure_one_arm;
+use crate::graph::one_arm::{REMEDY, ensure_one_arm};
 use crate::inputs::policy_file;
 use crate::terminal::{output, progress};
 use anyhow::{Error, Result, anyhow, ensure};
@@ -65,21 +65,45 @@ pub fn show_episode(bar: &ProgressBar, feedback: &RunEpisodeFeedback, steps: usi
     bar.set_message(format!("reward {:.3}", feedback.reward));
 }
 
+/// Compares the law of a policy's training with what the graph tells of its arm. Returns a warning if there is nothing to compare with, or
+/// if any arm was asked for.
+///
+/// # Errors
+/// An arm of another law, and more than one announcement, unless any arm was asked for.
+fn compare(policy: &Policy, told: &Told, any_arm: bool) -> Result<Option<String>> {
+    let (what, remedy) = match told {
+        Told::Law(law) => match policy.other_arm(law) {
+            None => return Ok(None),
+            Some(other) => (
+                other.to_string(),
+                "Train for this arm, with `catenary train --arm running` while its graph runs, or deploy all the same with --any-arm; \
+                 nothing was sent",
+            ),
+        },
+        // One of them may be the arm's: which one cannot be told.
+        Told::Several(_) => (told.to_string(), REMEDY),
+        // An arm of others announces nothing, and policies must run on it.
+        Told::Nobody | Told::Nothing(_) => {
+            return Ok(Some(format!(
+                "the arm does not tell its law, so that it is not compared with that of the policy ({told})"
+            )));
+        }
+    };
+    if any_arm { Ok(Some(what)) } else { Err(WrongInput::error(format!("{what}. {remedy}"))) }
+}
+
 /// Refuses a policy that was trained for an arm of another law than the graph's, unless any arm is asked for.
 fn ensure_trained_arm(arguments: &DeployArgs, policy: &Policy, node: &Node) -> Result<()> {
-    let other = arm_law::of_graph(node)?.and_then(|law| policy.other_arm(&law));
-    match other {
-        None => Ok(()),
-        Some(other) if arguments.any_arm => {
-            output::warn(&format!("{}: {other}", arguments.policy.display()));
-            Ok(())
-        }
-        Some(other) => Err(WrongInput::error(format!(
-            "{}: {other}. Train for this arm, with `catenary train --arm running` while its graph runs, or deploy all the same with \
-             --any-arm; nothing was sent",
-            arguments.policy.display()
-        ))),
+    // The file of an earlier version states no law, and waits for none.
+    if policy.arm.is_none() {
+        return Ok(());
     }
+    let shown = arguments.policy.display();
+    match compare(policy, &arm_law::of_graph(node)?, arguments.any_arm) {
+        Ok(warning) => warning.iter().for_each(|words| output::warn(&format!("{shown}: {words}"))),
+        Err(error) => return Err(error.context(shown.to_string())),
+    }
+    Ok(())
 }
 
 /// Runs the episode. Ctrl-C cancels it, which stops the arm.
@@ -142,4 +166,55 @@ pub fn run(arguments: &DeployArgs) -> Result<()> {
             rewards.join(" ")
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::mlp::Layer;
+    use catenary_core::model::ArmLaw;
+    use catenary_core::policy::Observes;
+    use catenary_core::{DeltaAnchor, Mlp, Observation};
+
+    fn lag(time_constant_s: f64) -> ArmLaw {
+        ArmLaw::Lag { time_constant_s, max_speed_m_s: 0.5 }
+    }
+
+    fn policy(arm: ArmLaw) -> Policy {
+        let weight = vec![0.0; 2 * Observation::LEN];
+        let layer = Layer { inputs: Observation::LEN, outputs: 2, weight, bias: vec![0.0; 2] };
+        Policy {
+            name: "still".to_owned(),
+            actor: Mlp::new(vec![layer]).unwrap(),
+            observes: Observes::default(),
+            plan: None,
+            observation_mean: [0.0; Observation::LEN],
+            observation_scale: [1.0; Observation::LEN],
+            action_scale: [0.1; 2],
+            step_period_s: 0.5,
+            delta_anchor: DeltaAnchor::LastTarget,
+            steps: 16,
+            goal: None,
+            arm: Some(arm),
+            start_speed_m_s: None,
+        }
+    }
+
+    #[test]
+    fn an_arm_that_tells_nothing_gets_a_warning_and_another_or_an_unclear_one_a_refusal() {
+        let policy = policy(lag(0.16));
+        assert_eq!(compare(&policy, &Told::Law(lag(0.16)), false).unwrap(), None);
+        for any_arm in [false, true] {
+            let warning = compare(&policy, &Told::Nobody, any_arm).unwrap().expect("a warning");
+            let start = "the arm does not tell its law, so that it is not compared with that of the policy (nobody";
+            assert!(warning.starts_with(start), "{warning}");
+        }
+        for (told, part) in [(Told::Law(lag(0.08)), "--any-arm"), (Told::Several(Vec::new()), "ROS_DOMAIN_ID")] {
+            let error = compare(&policy, &told, false).unwrap_err();
+            let words = error.to_string();
+            assert!(WrongInput::is(&error) && words.contains(part) && words.ends_with("nothing was sent"), "{words}");
+            let warning = compare(&policy, &told, true).unwrap().expect("a warning");
+            assert!(!warning.contains("nothing was sent"), "{warning}");
+        }
+    }
 }

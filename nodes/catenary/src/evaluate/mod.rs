@@ -9,6 +9,7 @@ use crate::exit::{Given, Interrupted};
 use crate::inputs::model_file::no_task;
 use crate::inputs::{model_file, parameter_values, policy_file, posterior_file};
 use crate::kept::Kept;
+use crate::options::SimulatedArm;
 use crate::plan;
 use crate::report::Estimate;
 use crate::terminal::{output, progress};
@@ -31,6 +32,7 @@ const STREAM: u64 = 2301;
 #[derive(Debug, Serialize)]
 struct Report {
     model: String,
+    arm: SimulatedArm,
     fidelity: &'static str,
     seed: u64,
     episodes: usize,
@@ -44,6 +46,7 @@ struct Report {
 pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let model = arguments.task.applied_to(model_file::read(&arguments.model)?)?;
     let judge = Judge::of(&model).with_context(|| no_task(&arguments.model)).given()?;
+    let own_law = model.arm.law;
     let model = arguments.start.applied_to(arguments.arm.applied_to(model)?)?;
     let read = |path: &PathBuf| Ok((path.clone(), read(path, &judge)?));
     let mut policies = arguments.policy.iter().map(read).collect::<Result<Vec<_>>>().given()?;
@@ -94,6 +97,7 @@ pub fn run(arguments: &EvaluateArgs) -> Result<()> {
     let best_plan = evaluated.split_off(own).pop();
     let report = Report {
         model: model.name.clone(),
+        arm: SimulatedArm::new(model.arm.law, own_law),
         fidelity: requested.fidelity.name(),
         seed: arguments.seed,
         episodes: n,
@@ -218,5 +222,6 @@ fn words(report: &Report) -> String {
         "{} episodes of model `{}` each, {} fidelity; intervals of 95 %",
         report.episodes, report.model, report.fidelity
     ));
+    lines.extend(report.arm.words());
     lines.join("\n")
 }

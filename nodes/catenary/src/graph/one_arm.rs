@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Remedy for two graphs.
-const REMEDY: &str = "end one graph, or give each a ROS_DOMAIN_ID or a namespace of its own; nothing was sent";
+pub const REMEDY: &str = "end one graph, or give each a ROS_DOMAIN_ID or a namespace of its own; nothing was sent";
 
 /// Waits for the servers of `needed`, then checks the other nodes of the domain. Returns an error if two nodes serve a
 /// name of an arm or of `needed`, if a node without episodes publishes targets, or if a node without an arm's services

@@ -15,7 +15,7 @@ mod report_page;
 mod start_moving;
 mod task;
 
-pub use arm::ArmOption;
+pub use arm::{ArmOption, SimulatedArm};
 pub use bags::Bags;
 pub use fidelity::FidelityName;
 pub use inference_sizes::InferenceSizes;

@@ -37,7 +37,9 @@ pub fn run(
     let rows = domains.rows(settings.environments, arguments.seed)?;
     let program = (env!("CARGO_PKG_VERSION"), METHOD, catenary_simulator::fingerprint(model));
     let asked = (program, model.to_yaml()?, &rows, format!("{settings:?}"), arguments.seed);
-    let kept = Kept::beside(&arguments.out, identity::fingerprint(&asked));
+    // The law comes from whatever graph runs: the same command may be for another arm than before.
+    let arm = format!("another arm's law may be the reason: now it is {}, and --arm chooses it", model.arm.law);
+    let kept = Kept::beside(&arguments.out, identity::fingerprint(&asked)).with_reason(arm);
     let begun = match arguments.resume {
         true => Some(begun(&kept, settings)?),
         false => None,

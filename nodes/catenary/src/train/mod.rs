@@ -9,6 +9,7 @@ mod scored;
 
 use crate::exit::Given;
 use crate::inputs::{model_file, parameter_values, policy_file, posterior_file};
+use crate::options::SimulatedArm;
 use crate::plan;
 use crate::terminal::output;
 use anyhow::{Context, Result, ensure};
@@ -34,6 +35,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
     let model = arguments.task.applied_to(own)?;
     // Before the law, which may be asked of the graph.
     model.task.with_context(|| model_file::no_task(&arguments.model)).given()?;
+    let own_law = model.arm.law;
     let model = arguments.start.applied_to(arguments.arm.applied_to(model)?)?;
     let mut settings = arguments.observes.applied_to(arguments.preset.settings());
     settings.total_steps = arguments.steps.unwrap_or(settings.total_steps);
@@ -60,6 +62,7 @@ pub fn run(arguments: &TrainArgs) -> Result<()> {
         Some(namespace) => (on_graph::run(arguments, &domains, model.rewrite(&text)?, begins_with, namespace)?, None),
         None => local::run(arguments, &model, &domains, &settings, &shutdown)?,
     };
+    report.arm = Some(SimulatedArm::new(model.arm.law, own_law));
     if let Some(plan) = plan.filter(|_| interrupted.is_none()) {
         let name = arguments.plan.clone().unwrap_or_else(|| PathBuf::from(plan::NAME));
         report.scored = scored::scored(&model, &domains, &arguments.out, (name, plan), arguments.seed, &shutdown)?;

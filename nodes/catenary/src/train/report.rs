@@ -2,6 +2,7 @@
 
 use crate::evaluate::beside_the_plan;
 use crate::evaluate::score::Evaluated;
+use crate::options::SimulatedArm;
 use crate::plan::NAME;
 use crate::report::Estimate;
 use ppo_trainer::{CurvePoint, Rise, Trained};
@@ -13,6 +14,9 @@ use std::path::{Path, PathBuf};
 pub struct Report {
     /// Path of the policy file.
     pub policy: PathBuf,
+    /// Law of the simulated arm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arm: Option<SimulatedArm>,
     /// Environment steps taken.
     pub steps: u64,
     /// True if Ctrl-C ended the training early.
@@ -100,6 +104,7 @@ impl Report {
         let is_enough = last.len() >= 2;
         Self {
             policy,
+            arm: None,
             steps: ended.steps,
             interrupted: ended.interrupted,
             flat_at: ended.flat_at,
@@ -115,6 +120,11 @@ impl Report {
 
     /// Report in words.
     pub fn words(&self) -> String {
+        let arm = self.arm.and_then(|arm| arm.words()).map_or_else(String::new, |line| format!("\n{line}"));
+        format!("{}{arm}", self.outcome())
+    }
+
+    fn outcome(&self) -> String {
         let policy = self.policy.display();
         let (Some(mean_return), Some(success)) = (&self.mean_return, &self.success_rate) else {
             return format!("{policy}: {} steps, too few for two episodes", self.steps);
