@@ -81,6 +81,9 @@ pub struct PoliciesArgs {
     /// Leave out all methods but the default preset's
     #[arg(long)]
     pub default_only: bool,
+    /// Compare other hyperparameters in place of what the policy observes
+    #[arg(long, conflicts_with = "default_only")]
+    pub hyperparameters: bool,
     /// Trainings of each method with each budget
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=100))]
     pub seeds: u64,

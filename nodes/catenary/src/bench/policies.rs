@@ -1,4 +1,5 @@
-//! `catenary bench policies`: the processor time in which a training comes near the best plan, by what the policy observes and begins with.
+//! `catenary bench policies`: the processor time in which a training comes near the best plan, by what the policy observes and begins with, and
+//! with other hyperparameters.
 
 use super::args::PoliciesArgs;
 use super::cpu_time::cpu_time;
@@ -26,20 +27,38 @@ const NEAR: f64 = 3.0;
 const SCORES: u64 = 1;
 const SEARCH: u64 = 2;
 
-/// Method of training.
+/// Method of training: the default preset with changes.
 #[derive(Debug, Clone, Copy)]
 struct Method {
     name: &'static str,
-    observes: Observes,
-    begins_with_plan: bool,
+    changed: fn(Settings) -> Settings,
+}
+
+/// Policy that observes the time and earlier observations, and begins without a plan.
+fn observing(settings: Settings) -> Settings {
+    Settings { searches_plan: false, ..settings }
 }
 
 /// From the paper's policy to the default one.
 const METHODS: [Method; 4] = [
-    Method { name: "newest observation", observes: Observes { history: 0, time: false }, begins_with_plan: false },
-    Method { name: "and the time", observes: Observes { history: 0, time: true }, begins_with_plan: false },
-    Method { name: "and five earlier ones", observes: Observes { history: 5, time: true }, begins_with_plan: false },
-    Method { name: "and the best plan", observes: Observes { history: 5, time: true }, begins_with_plan: true },
+    Method { name: "newest observation", changed: |s| observing(s).newest_only() },
+    Method {
+        name: "and the time",
+        changed: |s| Settings { observes: Observes { history: 0, time: true }, ..observing(s) },
+    },
+    Method { name: "and five earlier ones", changed: observing },
+    Method { name: "and the best plan", changed: |s| s },
+];
+
+/// Other hyperparameters, each beside "and five earlier ones". The scale of the rewards is missing: advantages are normalised in each minibatch.
+const HYPERPARAMETERS: [Method; 7] = [
+    Method { name: "and 48 environments", changed: |s| Settings { environments: 48, batch_size: 512, ..observing(s) } },
+    Method { name: "and learning rate x 3", changed: |s| Settings { learning_rate: 3e-3, ..observing(s) } },
+    Method { name: "and learning rate / 3", changed: |s| Settings { learning_rate: 3e-4, ..observing(s) } },
+    Method { name: "and a constant rate", changed: |s| Settings { anneal_learning_rate: false, ..observing(s) } },
+    Method { name: "and batches of 512", changed: |s| Settings { batch_size: 512, ..observing(s) } },
+    Method { name: "and exploration x 2", changed: |s| Settings { initial_log_std: 0.0, ..observing(s) } },
+    Method { name: "and exploration / 2", changed: |s| Settings { initial_log_std: -1.4, ..observing(s) } },
 ];
 
 /// Results on one object.
@@ -82,7 +101,12 @@ pub fn run(arguments: &PoliciesArgs) -> Result<()> {
         [] => vec![None],
         steps => steps.iter().copied().map(Some).collect(),
     };
-    let methods = if arguments.default_only { &METHODS[METHODS.len() - 1..] } else { &METHODS };
+    let default = METHODS.len() - 1;
+    let methods = match (arguments.default_only, arguments.hyperparameters) {
+        (true, _) => METHODS[default..].to_vec(),
+        (false, true) => [&METHODS[default - 1..], &HYPERPARAMETERS].concat(),
+        (false, false) => METHODS.to_vec(),
+    };
     let all = arguments.objects.len() * (1 + methods.len() * budgets.len() * arguments.seeds as usize);
     let bar = progress::bar("trainings", 0.0)?;
     let mut done = 0;
@@ -146,11 +170,11 @@ impl Object {
     }
 
     fn trained(&self, method: &Method, budget: Option<u64>, number: u64) -> Result<Trained> {
-        let mut settings = Settings { observes: method.observes, ..Settings::tuned() };
+        let mut settings = (method.changed)(Settings::tuned());
         if let Some(total_steps) = budget {
             settings = Settings { total_steps, ends_when_flat: false, ..settings };
         }
-        if method.begins_with_plan {
+        if settings.searches_plan {
             settings.begin_with(&self.plan(number)?)?;
         }
         let rows = self.domains.rows(settings.environments, number)?;
