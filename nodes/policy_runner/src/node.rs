@@ -214,7 +214,15 @@ impl Shell {
 
     /// Compares the arm of the policy's training with the one that announces its law, if one does.
     fn other_arm(&self, policy: &Policy) -> Option<OtherArm> {
-        let announced = self.law.get()?;
+        let Some(announced) = self.law.get() else {
+            if policy.arm.is_some() {
+                tracing::info!(
+                    "{}: no arm announces its law, which is not compared with that of the policy",
+                    self.law.topic()
+                );
+            }
+            return None;
+        };
         match ArmLaw::from_text(&announced.message.data) {
             Ok(law) => policy.other_arm(&law),
             Err(error) => {
