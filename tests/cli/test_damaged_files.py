@@ -23,9 +23,9 @@ TRACK = ("t_s", "grip_x_m", "grip_z_m", "grip_pitch_rad", *(f"p{k}_{axis}_m" for
 
 @pytest.fixture(scope="module")
 def originals(program, tmp_path_factory):
-    """Folder with a policy and a posterior whose support moved."""
+    """Folder with a policy that corrects a plan, and a posterior whose support moved."""
     folder = tmp_path_factory.mktemp("originals")
-    program.text("train", "--model", MODEL, "--out", "policy", "--steps", 512, "--no-plan", folder=folder)
+    program.text("train", "--model", MODEL, "--task", "place_tip", "--out", "policy", "--steps", 768, folder=folder)
     sizes = ("--iterations", 2, "--simulations", 150, "--prior-support", "adaptive")
     done = program("infer", BAG, "--model", MODEL, "--out", "out", *sizes, folder=folder)
     assert done.returncode in (0, 3), done.stderr
@@ -88,6 +88,7 @@ def test_a_damaged_posterior_is_refused_by_its_name(originals, outcomes):
 def test_a_damaged_policy_is_refused_by_its_name(originals, outcomes):
     whole = (originals / "policy").read_bytes()
     header, data = safetensors(whole)
+    assert any(name.startswith("plan") for name in header)
     copies = [(path, what, of_safetensors(copy, data)) for path, what, copy in damaged(header)]
     for name in header.keys() - {"__metadata__"}:
         first = header[name]["data_offsets"][0]
@@ -100,7 +101,8 @@ def test_a_damaged_policy_is_refused_by_its_name(originals, outcomes):
             copy = header | {"__metadata__": header["__metadata__"] | {field: value}}
             copies.append((("__metadata__", field), value[:20], of_safetensors(copy, data)))
     copies += [((), "cut", whole[:1000]), ((), "empty", b"")]
-    accepted = outcomes(copies, "evaluate", "--model", MODEL, "--policy", "damaged", "--no-plan", "--episodes", 30, *FAST)
+    asked = ("--model", MODEL, "--task", "place_tip", "--no-plan", "--episodes", 30, *FAST)
+    accepted = outcomes(copies, "evaluate", "--policy", "damaged", *asked)
     # Any word is a name, and earlier files have no goal and no law of the arm.
     allowed = {(("__metadata__", "name"), "word"), (("__metadata__", "name"), "not a number")}
     allowed |= {(("__metadata__", field), "removed") for field in ("goal", "arm")}

@@ -17,6 +17,7 @@ from rclpy.executors import MultiThreadedExecutor
 from .contract import BASE, BY_NAME, OPTICAL
 from .policy import policy_file
 from .program import ROOT
+from .ros import sees
 
 IMAGE_PX = 256
 # bayes_sim takes no tracks from a pool of another version than its own.
@@ -49,7 +50,7 @@ class StandIn:
         self.context.try_shutdown()
 
     def sees(self, *nodes):
-        return set(nodes) <= set(self.node.get_node_names())
+        return sees(self.node, nodes)
 
     def publisher(self, name):
         row = BY_NAME[name]
