@@ -161,7 +161,7 @@ pub fn beside_the_plan(policies: &[Evaluated], plan: &Evaluated) -> String {
             () if gained.high < 0.0 => "worse than the best plan, which sees the target once and nothing else",
             () => "no difference from the best plan was found",
         };
-        format!("{}: {verdict} (return {} more)", policy.policy.display(), gained.words(1.0, 3))
+        format!("{}: {verdict} (difference of the returns {})", policy.policy.display(), gained.words(1.0, 3))
     };
     policies.iter().map(words).collect::<Vec<String>>().join("\n")
 }
