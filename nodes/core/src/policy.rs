@@ -106,6 +106,13 @@ impl From<MlpError> for PolicyError {
 }
 
 impl Policy {
+    /// Why an episode may begin while the object moves, in words; none for a policy that was trained for objects at rest.
+    #[must_use]
+    pub fn moving_start(&self) -> Option<String> {
+        let speed = self.start_speed_m_s?;
+        Some(format!("policy `{}` was trained for starts in motion, up to {speed} m/s at the tip", self.name))
+    }
+
     /// Computes the mean action (dx, dz) in m for the newest observation of an episode, within the action limits. To be called once for each
     /// observation, in order: `memory` holds those before it, and this one is added. An episode starts with an empty memory.
     pub fn act(&self, observation: &Observation, memory: &mut Memory) -> [f64; 2] {
@@ -275,7 +282,7 @@ impl Policy {
             steps,
             goal: goal.transpose()?,
             arm: arm.transpose()?,
-            start_speed_m_s: start_speed::of(&metadata)?,
+            start_speed_m_s: start_speed::of(&metadata).map_err(|no| bad(start_speed::ENTRY, &no.expected, &no.got))?,
         })
     }
 }

@@ -1,8 +1,7 @@
 //! Cartesian compliance settings and their limits.
 
 use crate::kinematics::JOINTS;
-use crate::law::REFERENCE_TIME_S;
-use crate::speed::SpeedLimit;
+use crate::speed::{REFERENCE_TIME_S, SpeedLimit};
 use catenary_core::model::{ArmLaw, Impedance};
 use thiserror::Error;
 

@@ -20,7 +20,7 @@ pub use barriers::{Barriers, JointLimits};
 
 use crate::compliance::{Compliance, ROTATION_CLIP};
 use crate::kinematics::JOINTS;
-use crate::speed::SpeedLimit;
+use crate::speed::{CYCLE_S, FILTER, SpeedLimit};
 use nalgebra::{Isometry3, Matrix6, SMatrix, SVector, Vector3, Vector6};
 
 /// Vector of joint values.
@@ -28,12 +28,6 @@ pub type Joints = SVector<f64, JOINTS>;
 /// Jacobian of the end effector in the base frame: linear rows, then angular rows.
 pub type Jacobian = SMatrix<f64, 6, JOINTS>;
 
-/// Share of a new target and of new gains that a cycle of 1 ms takes over (SERL's `filter_params`).
-const FILTER: f64 = 0.005;
-/// Period of a cycle, s.
-const CYCLE_S: f64 = 1e-3;
-/// Time constant with which the target of the law follows a new target, s.
-pub const REFERENCE_TIME_S: f64 = CYCLE_S / FILTER;
 /// Damping of the pseudo-inverse. Chosen: SERL's 0.2 lets 30 % of the posture's torque through to the hand where the smallest singular value
 /// is 0.3, this lets 0.4 %.
 const PSEUDO_INVERSE_DAMPING: f64 = 0.02;

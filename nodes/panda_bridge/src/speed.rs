@@ -3,6 +3,12 @@
 use crate::pose::ArmPose;
 use nalgebra::{Isometry3, Translation3, Vector3, Vector6};
 
+/// Share of a new target and of new gains that a cycle of 1 ms takes over (SERL's `filter_params`).
+pub const FILTER: f64 = 0.005;
+/// Period of a cycle, s.
+pub const CYCLE_S: f64 = 1e-3;
+/// Time constant with which the reference of the law follows a new target, s.
+pub const REFERENCE_TIME_S: f64 = CYCLE_S / FILTER;
 /// Share of the limit from which a force along the motion fades out. Chosen, as for the joints.
 const FADE_FROM: f64 = 0.85;
 /// Damping of a hand that is faster than the limit: N s/m, then N m s/rad. Chosen: it stops the default steady force of 20 N within

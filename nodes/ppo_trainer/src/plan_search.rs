@@ -8,15 +8,16 @@
 mod coordinates;
 mod evolution;
 mod linear;
+mod loss;
 
 use self::coordinates::Coordinates;
 use self::evolution::Evolution;
 use self::linear::Linear;
+use self::loss::loss;
 use catenary_core::mlp::Layer;
 use catenary_core::policy::{Observes, Plan};
 use catenary_core::simulator::{Drive, SimulationRequest, SimulatorError};
-use catenary_core::task::{Goal, MAX_DELTA_M};
-use catenary_core::track::End;
+use catenary_core::task::MAX_DELTA_M;
 use catenary_core::{Judge, Mlp, Model, Observation, Policy, Simulator, Track, seed};
 use rand::RngExt;
 use rand_distr::StandardNormal;
@@ -54,8 +55,6 @@ const DIFFERENCE: f64 = 0.1;
 const GENERATIONS: usize = 100;
 /// Relative gain of a round below which the search ends.
 const FLAT: f64 = 1e-4;
-/// Loss of an episode that leaves the workspace: more than any distance, m.
-const LEFT: f64 = 10.0;
 
 /// Best plan that a search found.
 #[derive(Debug, Clone, PartialEq)]
@@ -149,16 +148,6 @@ pub fn search(
     let distances = found.tracks.iter().map(|track| judge.score(track).distance_m);
     let distance_m = distances.sum::<f64>() / found.tracks.len() as f64;
     Ok(Some(Planned { plan: affine.plan(&found.z), distance_m, simulated: search.simulated }))
-}
-
-/// Loss of an episode: smaller is better. Unlike the reward it has a slope far from the goal, too.
-fn loss(judge: &Judge, track: &Track) -> f64 {
-    let score = judge.score(track);
-    let left = if track.end == End::LeftWorkspace { LEFT } else { 0.0 };
-    left + match judge.task().goal {
-        Goal::Reach => -score.rewards.iter().sum::<f64>() / judge.task().steps as f64,
-        _ => score.distance_m,
-    }
 }
 
 /// Plan with its episodes.

@@ -1,6 +1,5 @@
 //! Speed of the object at the start, in the file of a policy that was trained for starts in motion.
 
-use super::{Policy, PolicyError, bad};
 use std::collections::HashMap;
 
 /// Greatest start speed of a training, m/s. The tip of an object of 0.3 m that reaches it swings far beyond its length.
@@ -14,25 +13,23 @@ pub fn is_start_speed(speed_m_s: f64) -> bool {
     speed_m_s > 0.0 && speed_m_s <= GREATEST_START_SPEED_M_S
 }
 
-/// Reads the entry; none if the file has none.
-pub(super) fn of(metadata: &HashMap<String, String>) -> Result<Option<f64>, PolicyError> {
-    let Some(text) = metadata.get(ENTRY) else { return Ok(None) };
-    let speed = text.parse().ok().filter(|speed| is_start_speed(*speed));
-    let expected = || format!("more than 0 and at most {GREATEST_START_SPEED_M_S} m/s");
-    speed.map(Some).ok_or_else(|| bad(ENTRY, &expected(), text))
+/// Entry that is no start speed: what was expected, and what came.
+pub(super) struct NoSpeed {
+    pub expected: String,
+    pub got: String,
 }
 
-impl Policy {
-    /// Why an episode may begin while the object moves, in words; none for a policy that was trained for objects at rest.
-    #[must_use]
-    pub fn moving_start(&self) -> Option<String> {
-        let speed = self.start_speed_m_s?;
-        Some(format!("policy `{}` was trained for starts in motion, up to {speed} m/s at the tip", self.name))
-    }
+/// Reads the entry; none if the file has none.
+pub(super) fn of(metadata: &HashMap<String, String>) -> Result<Option<f64>, NoSpeed> {
+    let Some(text) = metadata.get(ENTRY) else { return Ok(None) };
+    let speed = text.parse().ok().filter(|speed| is_start_speed(*speed));
+    let expected = format!("more than 0 and at most {GREATEST_START_SPEED_M_S} m/s");
+    speed.map(Some).ok_or_else(|| NoSpeed { expected, got: text.clone() })
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Policy;
     use super::super::tests::policy;
     use super::*;
 

@@ -1,6 +1,6 @@
 //! Linear model of the episodes of a plan.
 
-use super::loss;
+use super::loss::loss;
 use catenary_core::task::MAX_DELTA_M;
 use catenary_core::{Frame, Judge, Track};
 

@@ -3,6 +3,7 @@
 use super::*;
 use catenary_core::simulator::StartShape;
 use catenary_core::task::MAX_DELTA_M;
+use catenary_core::track::End;
 use catenary_core::{Fidelity, Frame};
 
 /// Simulator of a hand that carries a point at a distance `theta` to its right: four keypoints at the hand, at a third, at two thirds and there.
