@@ -246,6 +246,9 @@ impl Policy {
             let wrong = |error| bad("arm", "the law of an arm as a model file has it", &format!("{text}: {error}"));
             ArmLaw::from_text(text).map_err(wrong)
         });
+        let start_speed_m_s = metadata
+            .get(start_speed::ENTRY)
+            .map(|text| start_speed::of(text).map_err(|expected| bad(start_speed::ENTRY, &expected, text)));
         let name = text("name")?;
         // Events, logs and pages show it.
         if name.len() > LONGEST_NAME || name.chars().any(char::is_control) {
@@ -282,7 +285,7 @@ impl Policy {
             steps,
             goal: goal.transpose()?,
             arm: arm.transpose()?,
-            start_speed_m_s: start_speed::of(&metadata).map_err(|no| bad(start_speed::ENTRY, &no.expected, &no.got))?,
+            start_speed_m_s: start_speed_m_s.transpose()?,
         })
     }
 }

@@ -1,7 +1,5 @@
 //! Speed of the object at the start, in the file of a policy that was trained for starts in motion.
 
-use std::collections::HashMap;
-
 /// Greatest start speed of a training, m/s. The tip of an object of 0.3 m that reaches it swings far beyond its length.
 pub const GREATEST_START_SPEED_M_S: f64 = 5.0;
 /// Name of the metadata entry.
@@ -13,18 +11,13 @@ pub fn is_start_speed(speed_m_s: f64) -> bool {
     speed_m_s > 0.0 && speed_m_s <= GREATEST_START_SPEED_M_S
 }
 
-/// Entry that is no start speed: what was expected, and what came.
-pub(super) struct NoSpeed {
-    pub expected: String,
-    pub got: String,
-}
-
-/// Reads the entry; none if the file has none.
-pub(super) fn of(metadata: &HashMap<String, String>) -> Result<Option<f64>, NoSpeed> {
-    let Some(text) = metadata.get(ENTRY) else { return Ok(None) };
+/// Reads the entry's text.
+///
+/// # Errors
+/// The expected values, in words.
+pub(super) fn of(text: &str) -> Result<f64, String> {
     let speed = text.parse().ok().filter(|speed| is_start_speed(*speed));
-    let expected = format!("more than 0 and at most {GREATEST_START_SPEED_M_S} m/s");
-    speed.map(Some).ok_or_else(|| NoSpeed { expected, got: text.clone() })
+    speed.ok_or_else(|| format!("more than 0 and at most {GREATEST_START_SPEED_M_S} m/s"))
 }
 
 #[cfg(test)]
