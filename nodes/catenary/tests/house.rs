@@ -11,12 +11,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const ALGORITHMS: [&str; 11] = [
+const ALGORITHMS: [&str; 12] = [
     "camera",
     "keypoint_tracker",
     "catenary_simulator",
     "simulated_cell",
     "simulator_pool",
+    "track_fit",
     "bayes_sim",
     "ppo_trainer",
     "policy_runner",
@@ -29,6 +30,8 @@ const ON_THE_SIMULATOR: [&str; 2] = ["simulated_cell", "simulator_pool"];
 
 /// Libraries that run and train networks of the workspace's own kind.
 const ON_NETWORKS: [&str; 2] = ["camera", "keypoint_tracker"];
+/// Libraries that fit a simulator to tracks.
+const ON_FITS: [&str; 2] = ["bayes_sim", "effect_finder"];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -66,6 +69,8 @@ fn dependency_arrows_run_one_way() {
             &["catenary_core", "catenary_simulator"]
         } else if ON_NETWORKS.contains(&name) {
             &["catenary_core", "convnet"]
+        } else if ON_FITS.contains(&name) {
+            &["catenary_core", "track_fit"]
         } else {
             &["catenary_core"]
         };

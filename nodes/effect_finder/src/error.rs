@@ -2,6 +2,7 @@
 
 use catenary_core::{ModelError, SimulatorError};
 use thiserror::Error;
+use track_fit::FitError;
 
 /// Error that ends a search without a verdict.
 #[derive(Debug, Error)]
@@ -19,26 +20,9 @@ pub enum FinderError {
     /// Empty list of measured episodes.
     #[error("expected at least one measured episode, got none")]
     NoEpisode,
-    /// Episode without the actions that the model's drive needs.
-    #[error("{episode}: the model drives the simulator by {drive}: expected the episode's actions, got none")]
-    Drive {
-        /// Name of the episode.
-        episode: String,
-        /// Drive of the model.
-        drive: &'static str,
-    },
-    /// Camera without keypoint noise: residuals have no unit in which they could be tested.
-    #[error("model: camera.keypoint_noise_px: expected more than 0, the unit of the residuals, got {got}")]
-    Noise {
-        /// Value of the model file, px.
-        got: f64,
-    },
-    /// Predicted arm without pose noise: its residuals have no unit in which they could be tested.
-    #[error("model: arm.pose_noise_m: expected more than 0, the unit of the arm's residuals, got {got}")]
-    PoseNoise {
-        /// Value of the model file, m.
-        got: f64,
-    },
+    /// Episode that cannot be fitted with this model.
+    #[error(transparent)]
+    Episode(FitError),
     /// Effect name in the model file that the library does not know.
     #[error("model: lacking.{field}: expected effects of the library ({known}), got `{name}`{hint}")]
     UnknownEffect {
@@ -81,6 +65,18 @@ pub enum FinderError {
 impl From<ModelError> for FinderError {
     fn from(error: ModelError) -> Self {
         Self::Repair(error)
+    }
+}
+
+// A search ends as its fits do, whether it was cancelled in a fit or between two.
+impl From<FitError> for FinderError {
+    fn from(error: FitError) -> Self {
+        match error {
+            FitError::NoFit(reason) => Self::NoFit(reason),
+            FitError::Simulator(error) => Self::Simulator(error),
+            FitError::Cancelled => Self::Cancelled("fit"),
+            FitError::Drive { .. } | FitError::Noise { .. } | FitError::PoseNoise { .. } => Self::Episode(error),
+        }
     }
 }
 

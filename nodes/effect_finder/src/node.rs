@@ -235,9 +235,9 @@ mod tests {
 
     #[test]
     fn a_copy_of_an_episode_is_refused_whatever_its_name() {
-        let simulator = crate::toy::Toy { gain: 3.0 };
+        let simulator = track_fit::toy::Toy { gain: 3.0 };
         let episode = |theta: [f64; 2], name: &str| {
-            let mut measured = crate::toy::measured(&simulator, theta, &[]);
+            let mut measured = track_fit::toy::measured(&simulator, theta, &[]);
             measured.name = name.to_owned();
             measured
         };

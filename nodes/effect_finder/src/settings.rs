@@ -76,6 +76,12 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Settings of the search's fits.
+    pub fn of_fits(&self) -> track_fit::Settings {
+        let Self { draws, starts, fidelity, fallback_fidelity, finer_fidelity, seed, .. } = *self;
+        track_fit::Settings { draws, starts, fidelity, fallback_fidelity, finer_fidelity, seed }
+    }
+
     /// Rejects invalid settings, by field.
     ///
     /// # Errors

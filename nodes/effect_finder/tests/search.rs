@@ -8,12 +8,12 @@ use catenary_core::{
     Drive, Fidelity, GripPose, GripTrajectory, Model, ParameterSpace, Prior, SimulationRequest, Simulator, seed,
 };
 use catenary_simulator::{BeamSimulator, Registry};
-use effect_finder::data::Quantity;
 use effect_finder::node::convert::{candidates, templates};
 use effect_finder::report::{Localisation, Part};
 use effect_finder::{Candidate, Finding, Outcome, Question, Settings, Verdict, find};
 use rand_distr::{Distribution, StandardNormal};
 use std::ops::ControlFlow;
+use track_fit::data::Quantity;
 
 const LENGTH_M: f64 = 0.25;
 const YOUNGS_MODULUS_PA: f64 = 9e3;

@@ -13,13 +13,13 @@ use catenary_core::spelling::did_you_mean;
 use catenary_core::{Model, Prior};
 use catenary_simulator::effects::{About, Effect, Hook, Sign};
 use catenary_simulator::{BeamSimulator, Registry, workers};
-use effect_finder::data::{MeasuredEpisode, Unknowns};
-use effect_finder::fitting::Problem;
 use effect_finder::node::convert;
 use effect_finder::report::detectable_size;
 use effect_finder::{Candidate, Settings};
 use serde::Serialize;
 use std::path::Path;
+use track_fit::data::{MeasuredEpisode, Unknowns};
+use track_fit::fitting::Problem;
 
 #[derive(Debug, Serialize)]
 struct Row {
@@ -111,7 +111,7 @@ fn sized(
     model.parameters.extend(companions.into_iter().cloned());
     let model = &model;
     let settings = Settings::default();
-    let episodes = [MeasuredEpisode::planned(model, &actions_file::read(&name, &text).given()?, &settings)];
+    let episodes = [MeasuredEpisode::planned(model, &actions_file::read(&name, &text).given()?, &settings.of_fits())];
     let unknowns = Unknowns::of(model, 1);
     // Medians of all priors, before nominal and given values replace them.
     let mut point = vec![0.5; unknowns.columns()];

@@ -71,8 +71,8 @@ fn is_of_inference(error: &InferenceError) -> bool {
 }
 
 fn is_of_search(error: &FinderError) -> bool {
-    use FinderError::{Drive, NoEpisode, Noise, PoseNoise, Setting, UnknownEffect};
-    matches!(error, Drive { .. } | NoEpisode | Noise { .. } | PoseNoise { .. } | Setting { .. } | UnknownEffect { .. })
+    use FinderError::{Episode, NoEpisode, Setting, UnknownEffect};
+    matches!(error, Episode(_) | NoEpisode | Setting { .. } | UnknownEffect { .. })
 }
 
 /// Marks errors of steps that read or check a command's input.

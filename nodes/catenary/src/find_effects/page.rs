@@ -15,11 +15,11 @@ use catenary_core::statistics::p_words;
 use catenary_core::{Model, Prior};
 use catenary_simulator::Registry;
 use effect_finder::Verdict;
-use effect_finder::data;
 use effect_finder::evidence::{Explanation, Magnitude};
 use effect_finder::report::{
     Band, DetectionLimit, EpisodeBands, Estimate, Finding, Fitness, Localisation, Part, PlaneTrack, Verification,
 };
+use track_fit::data;
 
 /// Largest number of explanations in the picture.
 const RANKED: usize = 8;

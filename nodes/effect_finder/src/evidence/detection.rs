@@ -5,11 +5,12 @@
 //! the measured data were fitted, too.
 
 use crate::error::FinderError;
-use crate::fitting::{Fit, Laplace, OnRound, Problem, SimulatedSet};
 use crate::settings::Settings;
 use catenary_core::seed;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
+use track_fit::FitError;
+use track_fit::fitting::{Fit, Laplace, OnRound, Problem, SimulatedSet};
 
 /// Random stream of the null sets' parameters and noise, beyond the streams of fits.
 const STREAM: u64 = 1000;
@@ -108,8 +109,8 @@ pub fn detect(
         // Null sets lie near the fit, so that its derivatives serve them.
         match problem.refit(fit, sets, on_round) {
             Ok(fits) => null.extend(fits.into_iter().flatten().map(residue)),
-            Err(FinderError::NoFit(reason)) => refusal = reason,
-            Err(other) => return Err(other),
+            Err(FitError::NoFit(reason)) => refusal = reason,
+            Err(other) => return Err(other.into()),
         }
         number = next;
         let null_left_out = number - null.len();
@@ -163,9 +164,9 @@ fn simulate(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fitting::Start;
-    use crate::toy::{self, Toy};
     use std::ops::ControlFlow;
+    use track_fit::fitting::Start;
+    use track_fit::toy::{self, Toy};
 
     /// p-values of toy episodes with an effect of size `effect`.
     fn p_values(effect: f64, count: u64, enough: Option<usize>) -> Vec<f64> {

@@ -8,12 +8,12 @@
 //! independent. The covariance is added to that of the noise, so that the discrepancy competes with the effects: if it
 //! explains the data better than every effect, no effect is named.
 
-use crate::data::{Channel, MeasuredEpisode};
-use crate::fitting::Fit;
 use nalgebra::{Cholesky, DMatrix, DMatrixViewMut, DVector, Dyn, SMatrix, SVector, SymmetricEigen};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
+use track_fit::data::{Channel, MeasuredEpisode};
+use track_fit::fitting::Fit;
 
 /// Tried standard deviations, in standard deviations of the noise.
 const SDS: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
@@ -218,9 +218,9 @@ pub fn gain_beside_discrepancy(episodes: &[MeasuredEpisode], less: &DVector<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Quantity;
-    use crate::toy::{self, Toy};
     use catenary_core::seed;
+    use track_fit::data::Quantity;
+    use track_fit::toy::{self, Toy};
 
     #[test]
     fn errors_along_the_object_have_unit_mean_variance_and_grow_towards_the_tip() {

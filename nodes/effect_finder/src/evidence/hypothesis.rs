@@ -2,9 +2,9 @@
 
 use super::magnitude::Magnitude;
 use super::marginal::{Evidence, Quadratic, sd_of};
-use crate::data::{Candidate, MeasuredEpisode, Unknowns};
-use crate::fitting::{FidelityCorrection, Fit, Laplace, Problem, is_bound_active};
 use std::sync::Arc;
+use track_fit::data::{Candidate, MeasuredEpisode, Unknowns};
+use track_fit::fitting::{FidelityCorrection, Fit, Laplace, Problem, is_bound_active};
 
 /// Half width of a 90 % interval of a normal distribution, in standard deviations.
 const INTERVAL_SDS: f64 = 1.645;
@@ -170,10 +170,10 @@ pub fn lowest_cost(all: &[Hypothesis]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fitting::Start;
-    use crate::toy::{self, Toy};
     use catenary_core::Prior;
     use std::ops::ControlFlow;
+    use track_fit::fitting::Start;
+    use track_fit::toy::{self, Toy};
 
     fn candidate(name: &str) -> Candidate {
         let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };

@@ -6,10 +6,10 @@
 //! Learning", section 2.7). In contrast to a full fit, hundreds of models cost a matrix product.
 
 use super::discrepancy::Whitening;
-use crate::fitting::{Fit, is_bound_active};
 use catenary_core::mixture::log_sum_exp;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::f64::consts::FRAC_1_SQRT_2;
+use track_fit::fitting::{Fit, is_bound_active};
 
 /// Tried standard deviations of the sizes, as shares of the columns' own scales.
 const SHARES: [f64; 7] = [0.005, 0.015, 0.05, 0.15, 0.5, 1.5, 5.0];
@@ -220,7 +220,7 @@ impl LinearModel {
 mod tests {
     use super::*;
     use crate::evidence::Discrepancy;
-    use crate::toy::{self, Toy};
+    use track_fit::toy::{self, Toy};
 
     /// Log density of `r` under a normal distribution of mean zero.
     fn log_density(r: &DVector<f64>, covariance: DMatrix<f64>) -> f64 {

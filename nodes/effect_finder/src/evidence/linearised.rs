@@ -2,11 +2,11 @@
 
 use super::hypothesis::{Effort, Hypothesis, problem_with};
 use super::marginal::Baseline;
-use crate::data::{Candidate, MeasuredEpisode, Unknowns};
 use crate::error::FinderError;
-use crate::fitting::{FidelityCorrection, Fit, LinearisedStart, OnRound, Problem, Start};
 use nalgebra::DMatrix;
 use std::sync::Arc;
+use track_fit::data::{Candidate, MeasuredEpisode, Unknowns};
+use track_fit::fitting::{FidelityCorrection, Fit, LinearisedStart, OnRound, Problem, Start};
 
 /// Starts from which a candidate model is fitted: the best of all linearised ones.
 const STARTS: usize = 2;
@@ -160,9 +160,9 @@ impl LinearisedModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Toy};
     use catenary_core::Prior;
     use std::ops::ControlFlow;
+    use track_fit::toy::{self, Toy};
 
     fn candidate(name: &str) -> Candidate {
         let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };

@@ -5,11 +5,11 @@
 //! is about the same with and without the effects, and cancels. It differs between discrepancies, and is counted there.
 
 use super::discrepancy::{Discrepancy, Whitening};
-use crate::data::{Candidate, MeasuredEpisode};
-use crate::fitting::{Fit, Laplace, is_bound_active};
 use catenary_core::Prior;
 use catenary_core::mixture::log_sum_exp;
 use nalgebra::{DMatrix, DVector};
+use track_fit::data::{Candidate, MeasuredEpisode};
+use track_fit::fitting::{Fit, Laplace, is_bound_active};
 
 /// Quadrature nodes over each magnitude at quantiles of its prior, and as many around its best value, for one, two, and
 /// three or more magnitudes. The cost grows with the power of the number of magnitudes; a test compares with closed
@@ -201,7 +201,7 @@ pub fn sd_of(candidate: &Candidate, cost: &Quadratic, place: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Toy};
+    use track_fit::toy::{self, Toy};
 
     fn candidate(prior: Prior) -> Candidate {
         let range = [if prior.bounds().0 < 0.0 { -10.0 } else { 0.0 }, 10.0];
@@ -260,7 +260,7 @@ mod tests {
         assert!((-20.0..-0.3).contains(&got), "{got}");
     }
 
-    fn baseline(shift: impl Fn(&crate::data::Channel) -> f64) -> Baseline {
+    fn baseline(shift: impl Fn(&track_fit::data::Channel) -> f64) -> Baseline {
         let episode = toy::episode(&Toy { gain: 0.3 }, [0.25, 2e4], &[]);
         let channels = episode.channels(0);
         let mut rng = catenary_core::seed::rng(51, 0);

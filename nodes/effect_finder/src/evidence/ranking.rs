@@ -3,12 +3,13 @@
 use super::hypothesis::Hypothesis;
 use super::magnitude::Magnitude;
 use crate::error::FinderError;
-use crate::fitting::{Problem, Start};
 use crate::settings::Settings;
 use catenary_core::mixture::log_sum_exp;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
+use track_fit::FitError;
+use track_fit::fitting::{Problem, Start};
 
 /// Factor on the log Bayes factor within which a model that changes the data like the best one is not told from it: a
 /// small error of the noise model would decide between them.
@@ -228,7 +229,7 @@ fn cosines(problem: &Problem<'_>, hypotheses: &[Hypothesis]) -> Result<Vec<f64>,
     let nothing = Ok(vec![0.0; hypotheses.len()]);
     let seen = match all.linearise(vec![start], &mut || ControlFlow::Continue(())) {
         // The best fit may be a linearised minimum at which nothing can be simulated.
-        Err(FinderError::NoFit(_)) => return nothing,
+        Err(FitError::NoFit(_)) => return nothing,
         seen => seen?.into_iter().flatten().next(),
     };
     let Some(seen) = seen else { return nothing };

@@ -1,15 +1,16 @@
 //! Conversions: the simulator's effects to candidates, and findings to wire messages.
 
-use crate::data::{Candidate, Companion, Template};
 use crate::error::FinderError;
 use crate::report::Finding;
 use crate::search::Progress;
+use crate::template::{Companion, Template};
 use catenary_core::Model;
 use catenary_core::model::{DriveKind, Lacking};
 use catenary_core::spelling::did_you_mean;
 use catenary_msgs::action::{FindEffectsFeedback, FindEffectsResult};
 use catenary_simulator::Registry;
 use catenary_simulator::effects::{About, Effect, Hook, TEMPLATE_FREQUENCY, TEMPLATE_PLACE};
+use track_fit::data::Candidate;
 
 /// Candidates for `model`: the effects of `registry` that it could lack, without the vetoed ones, with their prior
 /// odds.

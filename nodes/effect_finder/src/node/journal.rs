@@ -215,8 +215,8 @@ impl DifferentiableSimulator for Journal<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Toy};
     use std::sync::atomic::{AtomicUsize, Ordering};
+    use track_fit::toy::{self, Toy};
 
     /// Toy that counts its questions.
     struct Counted {

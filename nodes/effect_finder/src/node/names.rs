@@ -30,7 +30,7 @@ fn short_name(bag: &Path, bags: &[impl AsRef<Path>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Toy};
+    use track_fit::toy::{self, Toy};
 
     #[test]
     fn bags_of_one_name_are_told_apart_by_their_folders() {

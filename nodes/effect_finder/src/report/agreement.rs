@@ -1,13 +1,13 @@
 //! Agreement of a fit with the data: estimates and distances.
 
 use super::finding::{Estimate, Fitness};
-use crate::data::{Scope, Unknown, rmse_mm};
 use crate::error::FinderError;
 use crate::evidence::Detection;
-use crate::fitting::{Fit, Laplace, Problem};
 use crate::settings::Settings;
 use catenary_core::statistics::{QuantileMethod, quantile};
 use catenary_core::{Camera, seed};
+use track_fit::data::{Scope, Unknown, rmse_mm};
+use track_fit::fitting::{Fit, Laplace, Problem};
 
 /// Random stream of the estimates.
 const ESTIMATE_STREAM: u64 = 2;

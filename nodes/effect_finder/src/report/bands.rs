@@ -1,11 +1,11 @@
 //! Predictive bands of the present and the repaired model, for pictures.
 
 use super::draws::Draws;
-use crate::data::MeasuredEpisode;
 use crate::evidence::Hypothesis;
-use crate::fitting::Problem;
 use catenary_core::statistics::{self, QuantileMethod};
 use catenary_core::{Camera, Track, seed};
+use track_fit::data::MeasuredEpisode;
+use track_fit::fitting::Problem;
 
 /// Random stream of the bands' predictions.
 const STREAM: u64 = 2201;
@@ -140,11 +140,11 @@ fn places(track: &Track, camera: &Camera) -> PlaneTrack {
 mod tests {
     use super::*;
     use crate::evidence::{Effort, Evidence};
-    use crate::fitting::{FidelityCorrection, Start};
-    use crate::toy::{self, Toy};
     use catenary_core::track::End;
     use catenary_core::{Frame, Model};
     use std::ops::ControlFlow;
+    use track_fit::fitting::{FidelityCorrection, Start};
+    use track_fit::toy::{self, Toy};
 
     #[test]
     fn a_band_holds_nine_tenths_of_the_predictions() {

@@ -3,9 +3,9 @@
 //! Kernel ridge regression with a Gaussian kernel (Saunders, Gammerman and Vovk 1998). Kernel width and ridge are
 //! chosen by cross-validation over stretches of the fitted episodes.
 
-use crate::data::Offset;
 use catenary_core::Track;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use track_fit::data::Offset;
 
 /// Tried kernel widths, in standard deviations of the features times the root of their number.
 const WIDTHS: [f64; 3] = [0.5, 1.0, 2.0];

@@ -1,13 +1,13 @@
 //! Detectable sizes: how large an effect must be for the test to reject the present model in four of five data sets.
 
-use crate::data::{Candidate, MeasuredEpisode};
 use crate::error::FinderError;
-use crate::fitting::{Fit, OnRound, Problem, Start, best_fit};
 use crate::settings::Settings;
 use catenary_core::Track;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
+use track_fit::data::{Candidate, MeasuredEpisode};
+use track_fit::fitting::{Fit, OnRound, Problem, Start, best_fit};
 
 /// Quantiles of the normal distribution: a test of 5 % rejects above the first, 80 % of draws lie above minus the
 /// second.
@@ -180,7 +180,7 @@ fn best_response(problem: &Problem<'_>, tracks: &[Track], known: Vec<&[f64]>, en
     }
     let settings = Settings { draws: DRAWS, starts: STARTS, ..Settings::default() };
     let points = [near.point.clone()].into_iter().chain(known).collect();
-    let far = best_fit(&own, points, &settings, &mut go_on)?;
+    let far = best_fit(&own, points, &settings.of_fits(), &mut go_on)?;
     Ok(if far.cost < near.cost { far } else { near })
 }
 
@@ -205,10 +205,10 @@ fn tracks_by_magnitude(problem: &Problem<'_>, u: &[f64], candidate: &Candidate) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::twisted::folding;
-    use crate::toy::{self, Toy};
     use catenary_core::{DifferentiableSimulator, Prior, seed};
     use rand_distr::{Distribution, StandardNormal};
+    use track_fit::toy::twisted::folding;
+    use track_fit::toy::{self, Toy};
 
     const TRUTH: [f64; 2] = [0.25, 2e4];
 

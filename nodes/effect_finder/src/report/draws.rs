@@ -1,7 +1,7 @@
 //! Draws of simulated episodes, for pictures and scores.
 
-use crate::fitting::Problem;
 use catenary_core::Track;
+use track_fit::fitting::Problem;
 
 /// Rounds in which draws that cannot be simulated are replaced.
 const ROUNDS: usize = 3;
@@ -39,7 +39,7 @@ impl Draws {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Toy};
+    use track_fit::toy::{self, Toy};
 
     #[test]
     fn draws_that_fail_are_replaced_while_possible() {

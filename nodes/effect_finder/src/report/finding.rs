@@ -8,10 +8,10 @@ use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verdict::Verdict;
 use super::verification::Verification;
-use crate::data::Candidate;
 use crate::evidence::{Discrepancy, Explanation, Magnitude, Ranking, Test};
 use crate::settings::Settings;
 use serde::{Deserialize, Serialize};
+use track_fit::data::Candidate;
 
 /// Estimate of a value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -3,11 +3,11 @@
 //! The residual energy of each part is compared with the same part in the null sets. Because many parts are tested, a
 //! p-value counts the null sets in which any part stands out as much (Westfall and Young's max-T).
 
-use crate::data::{Channel, Quantity};
 use crate::evidence::Detection;
-use crate::fitting::Fit;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
+use track_fit::data::{Channel, Quantity};
+use track_fit::fitting::Fit;
 
 /// Time windows of an episode.
 const WINDOWS: usize = 8;

@@ -1,6 +1,6 @@
 //! Missing thing that no effect of the library is: in which part of the simulator, where, when and how fast it acts.
 
-use crate::data::Template;
+use crate::template::Template;
 use serde::{Deserialize, Serialize};
 
 /// Missing thing, in the form of a template.

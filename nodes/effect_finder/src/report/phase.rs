@@ -1,7 +1,7 @@
 //! Phase of an episode in which a change of the simulated values shows most.
 
-use crate::data::Channel;
 use nalgebra::DVector;
+use track_fit::data::Channel;
 
 /// Share of the energy of the change in the phase.
 const SHARE: f64 = 0.8;
@@ -50,7 +50,7 @@ pub fn shows_most(channels: &[Channel], change: &DVector<f64>) -> Option<Phase> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Quantity;
+    use track_fit::data::Quantity;
 
     #[test]
     fn the_phase_is_the_shortest_with_most_of_the_energy() {

@@ -1,9 +1,9 @@
 //! Repaired model: the present model with the named effects.
 
-use crate::data::{Candidate, Scope};
 use crate::evidence::Hypothesis;
-use crate::fitting::Laplace;
 use catenary_core::{Model, ModelError, Parameter, ParameterSpace, Prior};
+use track_fit::data::{Candidate, Scope};
+use track_fit::fitting::Laplace;
 
 /// Posterior standard deviation, relative to the width of the prior, above which data add nothing to the prior. A
 /// uniform prior itself has 0.29.
@@ -61,10 +61,10 @@ fn prior(candidate: &Candidate, value: f64, sd: f64) -> Prior {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Unknowns;
     use crate::evidence::{Effort, Evidence};
-    use crate::fitting::{FidelityCorrection, Fit};
     use nalgebra::{DMatrix, DVector};
+    use track_fit::data::Unknowns;
+    use track_fit::fitting::{FidelityCorrection, Fit};
 
     fn model() -> Model {
         Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()

@@ -1,10 +1,10 @@
 //! Scores of predictions on held-out episodes.
 
-use crate::data::{MeasuredEpisode, Offset, offsets_mm, rmse_mm};
-use crate::fitting::Fit;
 use catenary_core::statistics::{QuantileMethod, quantile};
 use catenary_core::{Camera, Track};
 use rand::{Rng, RngExt};
+use track_fit::data::{MeasuredEpisode, Offset, offsets_mm, rmse_mm};
+use track_fit::fitting::Fit;
 
 /// Excess residual energy of a gap on held-out episodes, in standard deviations of noise.
 const GAP_SDS: f64 = 3.0;
@@ -106,8 +106,8 @@ pub fn closed_interval(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::toy::{self, Toy};
     use nalgebra::DVector;
+    use track_fit::toy::{self, Toy};
 
     /// Fit of 200 coordinates.
     fn fit(cost: f64) -> Fit {

@@ -8,11 +8,11 @@ use super::missing::{Missing, part_in_words};
 use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verification::Verification;
-use crate::data::{Candidate, Quantity};
 use crate::evidence::{Hypothesis, Magnitude, Ranking, Test};
 use crate::settings::Settings;
 use catenary_core::Fidelity;
 use catenary_core::statistics::p_clause;
+use track_fit::data::{Candidate, Quantity};
 
 /// Number with four significant figures.
 fn short(value: f64) -> String {

@@ -3,15 +3,15 @@
 //! Random motions inside the task's workspace are simulated under both explanations. The best motion is the one for
 //! which the second explanation, fitted to the first, leaves the largest residual energy.
 
-use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
 use crate::evidence::Hypothesis;
-use crate::fitting::{OnRound, Problem, Start};
 use crate::settings::Settings;
 use catenary_core::task::MAX_DELTA_M;
 use catenary_core::{Model, Task, Track, seed};
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
+use track_fit::data::MeasuredEpisode;
+use track_fit::fitting::{OnRound, Problem, Start};
 
 /// Random stream of the motions.
 const STREAM: u64 = 2101;
@@ -99,7 +99,7 @@ fn deviations(
     settings: &Settings,
 ) -> Option<f64> {
     let fidelity = problem.episodes.first().map_or(settings.fidelity, |c| c.template.fidelity);
-    let planned = MeasuredEpisode::planned(model, actions, settings).at(fidelity);
+    let planned = MeasuredEpisode::planned(model, actions, &settings.of_fits()).at(fidelity);
     let own = |h: &Hypothesis| {
         let unknowns = h.unknowns.for_episodes(1);
         let point = unknowns.from_first_episode(&h.unknowns, &h.fit.point);

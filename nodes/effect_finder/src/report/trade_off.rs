@@ -1,9 +1,9 @@
 //! Trade-offs: pairs of values that the data determine only together.
 
-use crate::data::Scope;
 use crate::evidence::Hypothesis;
-use crate::fitting::Laplace;
 use serde::{Deserialize, Serialize};
+use track_fit::data::Scope;
+use track_fit::fitting::Laplace;
 
 /// Least correlation of a trade-off. At sqrt(1 - r^2) = 1/2, knowing one value halves the uncertainty of the other.
 const LEAST_CORRELATION: f64 = 0.866;
@@ -48,11 +48,11 @@ pub fn trade_offs(found: &Hypothesis) -> Vec<TradeOff> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::{Candidate, Unknowns};
     use crate::evidence::{Effort, Evidence};
-    use crate::fitting::{FidelityCorrection, Fit};
     use catenary_core::{Model, Prior};
     use nalgebra::{DMatrix, DVector};
+    use track_fit::data::{Candidate, Unknowns};
+    use track_fit::fitting::{FidelityCorrection, Fit};
 
     /// Model with two effects. The first changes the data like `alike` times the stiffness and the episode's own
     /// unknown.

@@ -7,15 +7,16 @@ use super::black_box::BlackBox;
 use super::draws::Draws;
 use super::scores::{closed_interval, cost, energy_score_mm, share_closed, share_explained};
 use super::verification::{Score, Verification};
-use crate::data::{MeasuredEpisode, Offset, Scope, offsets_mm, rmse_mm};
 use crate::error::FinderError;
 use crate::evidence::{Hypothesis, p_value};
-use crate::fitting::{FidelityCorrection, Fit, Laplace, OnRound, Problem, SimulatedSet, Start, corrected_fit};
 use crate::settings::Settings;
 use catenary_core::statistics::mean;
 use catenary_core::{Camera, Track, seed};
 use nalgebra::DVector;
 use rand::RngExt;
+use track_fit::FitError;
+use track_fit::data::{MeasuredEpisode, Offset, Scope, offsets_mm, rmse_mm};
+use track_fit::fitting::{FidelityCorrection, Fit, Laplace, OnRound, Problem, SimulatedSet, Start, corrected_fit};
 
 /// Random streams of predictions, repeats, bootstrap, starts of fits, and null sets.
 const STREAMS: [u64; 5] = [2001, 2002, 2003, 2004, 2005];
@@ -171,7 +172,7 @@ impl Verifier<'_> {
             }
             point
         };
-        problem.best_of((0..DRAWS).map(&mut point).collect(), STARTS.min(self.settings.starts), on_round)
+        Ok(problem.best_of((0..DRAWS).map(&mut point).collect(), STARTS.min(self.settings.starts), on_round)?)
     }
 
     /// Predictions of the held-out episodes.
@@ -281,7 +282,7 @@ impl Verifier<'_> {
             let start = |track: &Track| Start { point: fit.point.clone(), tracks: vec![track.clone()] };
             let fits = match problem.fit(repeats.iter().map(start).collect(), on_round) {
                 // The floor is that of the other episodes.
-                Err(FinderError::NoFit(_)) => continue,
+                Err(FitError::NoFit(_)) => continue,
                 fits => fits?,
             };
             for (repeat, fit) in repeats.iter().zip(fits) {
@@ -344,7 +345,7 @@ fn refitted(
         return Ok(vec![None; is_there.len()]);
     }
     let mut fits = match problem.refit(fit, sets, on_round) {
-        Err(FinderError::NoFit(_)) => return Ok(vec![None; is_there.len()]),
+        Err(FitError::NoFit(_)) => return Ok(vec![None; is_there.len()]),
         fits => fits?.into_iter(),
     };
     let cost = |is_there: bool| if is_there { fits.next().flatten().map(|fit| fit.cost) } else { None };
@@ -355,10 +356,10 @@ fn refitted(
 mod tests {
     use super::*;
     use crate::evidence::{Effort, Evidence};
-    use crate::fitting::best_fit;
-    use crate::toy::{self, Toy};
     use catenary_core::Model;
     use std::ops::ControlFlow;
+    use track_fit::fitting::best_fit;
+    use track_fit::toy::{self, Toy};
 
     const TRUTH: [f64; 2] = [0.25, 2e4];
 
@@ -391,7 +392,7 @@ mod tests {
             unknowns: problem.unknowns.clone(),
             episodes: None,
             correction: FidelityCorrection::Rejected,
-            fit: best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap(),
+            fit: best_fit(&problem, Vec::new(), &settings.of_fits(), &mut go_on).unwrap(),
             evidence: Evidence { alone: 0.0, with: Vec::new() },
             effort: Effort::Searched,
             spread: Vec::new(),

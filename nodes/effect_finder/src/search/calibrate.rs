@@ -2,13 +2,13 @@
 
 use super::progress::{Reporter, Stage};
 use super::question::Question;
-use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
-use crate::fitting::{CorrectedFit, Problem, calibrated};
 use crate::report::sentences;
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::{DifferentiableSimulator, Model};
+use track_fit::data::MeasuredEpisode;
+use track_fit::fitting::{CorrectedFit, Problem, calibrated};
 
 /// Calibrated present model, with the validation and the held-out episodes at the same fidelity.
 pub(super) struct Calibration {
@@ -26,7 +26,7 @@ pub(super) fn calibrate(
     reporter: &mut Reporter<'_>,
 ) -> Result<Calibration, FinderError> {
     let episodes = |measured: &[MeasuredTrack]| -> Result<Vec<MeasuredEpisode>, FinderError> {
-        measured.iter().map(|m| MeasuredEpisode::new(question.model, m, settings)).collect()
+        measured.iter().map(|m| Ok(MeasuredEpisode::new(question.model, m, &settings.of_fits())?)).collect()
     };
     let fitted = episodes(question.measured)?;
     let (validation, held_out) = (episodes(question.validation)?, episodes(question.held_out)?);
@@ -56,5 +56,5 @@ fn fit_present(
 ) -> Result<CorrectedFit, FinderError> {
     reporter.report(Stage::Calibrate, 0.0, None)?;
     let problem = Problem::of(model, &episodes, simulator, settings.rounds);
-    reporter.with_progress(Stage::Calibrate, |on_round| calibrated(&problem, known, settings, on_round))
+    reporter.with_progress(Stage::Calibrate, |on_round| calibrated(&problem, known, &settings.of_fits(), on_round))
 }

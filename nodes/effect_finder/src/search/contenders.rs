@@ -2,11 +2,11 @@
 
 use super::context::{FOUND_SDS, LEAST_DECREASE, PARENTS, Search};
 use super::progress::Stage;
-use crate::data::Candidate;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Effort, Hypothesis, Ranking, gain, lowest_cost};
-use crate::fitting::{FidelityCorrection, Fit, Problem, Start, best_fit, fit_among_draws, is_beyond_noise};
 use crate::settings::Settings;
+use track_fit::data::Candidate;
+use track_fit::fitting::{FidelityCorrection, Fit, Problem, Start, best_fit, fit_among_draws, is_beyond_noise};
 
 /// Reduction of the number of draws and starts for a model that is not the most probable.
 const FEWER: usize = 4;
@@ -144,7 +144,7 @@ impl Search<'_> {
                 let known = old.starts_near(&all[0]);
                 let fit = self
                     .reporter
-                    .with_progress(Stage::Name, |on_round| fit_among_draws(&own, known, &few, on_round))?;
+                    .with_progress(Stage::Name, |on_round| fit_among_draws(&own, known, &few.of_fits(), on_round))?;
                 self.keep_better(old, fit, Effort::Sampled, baseline)
             }
         }
@@ -153,7 +153,9 @@ impl Search<'_> {
     /// Model with its best fit.
     fn fit_best(&mut self, old: &Hypothesis, baseline: &Baseline) -> Result<Hypothesis, FinderError> {
         let (own, settings, known) = (old.problem(self.problem), self.settings, vec![old.fit.point.clone()]);
-        let fit = self.reporter.with_progress(Stage::Name, |on_round| best_fit(&own, known, settings, on_round))?;
+        let fit = self
+            .reporter
+            .with_progress(Stage::Name, |on_round| best_fit(&own, known, &settings.of_fits(), on_round))?;
         self.keep_better(old, fit, Effort::Searched, baseline)
     }
 
@@ -197,10 +199,10 @@ mod tests {
     use super::super::progress::{Progress, Reporter};
     use super::super::question::Question;
     use super::*;
-    use crate::toy::twisted::{Mimic, folding_when_fine, misleading};
-    use crate::toy::{self, Toy};
     use catenary_core::{Fidelity, Prior};
     use std::ops::ControlFlow;
+    use track_fit::toy::twisted::{Mimic, folding_when_fine, misleading};
+    use track_fit::toy::{self, Toy};
 
     const TRUTH: [f64; 2] = [0.25, 2e4];
 
@@ -283,7 +285,7 @@ mod tests {
         let (model, settings) = (toy::model(), settings());
         let problem = Problem::of(&model, &episodes, &toy, 40);
         let mut go_on = || ControlFlow::Continue(());
-        let base = best_fit(&problem, Vec::new(), &settings, &mut go_on).unwrap();
+        let base = best_fit(&problem, Vec::new(), &settings.of_fits(), &mut go_on).unwrap();
         let baseline = Baseline::new(&episodes, &base).unwrap();
         let hypothesis = |names: &[&str], rounds: usize| {
             let candidates: Vec<Candidate> = names.iter().map(|n| candidate(n)).collect();

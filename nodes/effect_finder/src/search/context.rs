@@ -2,12 +2,12 @@
 
 use super::progress::{Reporter, Stage};
 use super::question::Question;
-use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
 use crate::evidence::{Detection, Extent, Hypothesis, Ranking, detect};
-use crate::fitting::{Fit, Problem};
 use crate::report::{Agreement, EpisodeBands, Fitness, Verification, Verifier, fitted_bands, sentences};
 use crate::settings::Settings;
+use track_fit::data::MeasuredEpisode;
+use track_fit::fitting::{Fit, Problem};
 
 /// Number of the most probable models that are refined and extended.
 pub(super) const PARENTS: usize = 3;

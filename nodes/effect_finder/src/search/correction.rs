@@ -2,10 +2,10 @@
 
 use super::context::Search;
 use super::progress::Stage;
-use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Hypothesis};
-use crate::fitting::{CorrectedFit, FidelityCorrection, corrected_fit};
+use track_fit::data::MeasuredEpisode;
+use track_fit::fitting::{CorrectedFit, FidelityCorrection, corrected_fit};
 
 impl Search<'_> {
     /// Model with its own fidelity correction, if that fits.

@@ -2,12 +2,12 @@
 
 use super::context::{LEAST_DECREASE, Search};
 use super::progress::Stage;
-use crate::data::Candidate;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Effort, Hypothesis, LinearisedModel, lowest_cost};
-use crate::fitting::{FidelityCorrection, OnRound, leaves_much, other_minima};
 use catenary_core::seed;
 use rand::RngExt;
+use track_fit::data::Candidate;
+use track_fit::fitting::{FidelityCorrection, OnRound, leaves_much, other_minima};
 
 /// Reduction of the number of draws for a search elsewhere, and its random stream.
 const ELSEWHERE: usize = 6;
@@ -93,9 +93,9 @@ impl<'a> Search<'a> {
     ) -> Result<Vec<(&'a Candidate, LinearisedModel)>, FinderError> {
         let (problem, settings) = (self.problem, self.settings);
         let own = uncorrected.problem(problem);
-        let minima = self
-            .reporter
-            .with_progress(Stage::Name, |on_round| other_minima(&own, &uncorrected.fit.point, settings, on_round))?;
+        let minima = self.reporter.with_progress(Stage::Name, |on_round| {
+            other_minima(&own, &uncorrected.fit.point, &settings.of_fits(), on_round)
+        })?;
         let mut trials = Vec::new();
         for fit in minima {
             let there = Hypothesis { fit, ..uncorrected.clone() };

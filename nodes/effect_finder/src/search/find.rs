@@ -7,11 +7,11 @@ use super::progress::{OnProgress, Reporter, Stage};
 use super::question::Question;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Effort, Hypothesis};
-use crate::fitting::{CorrectedFit, FidelityCorrection, Fit, Problem};
 use crate::report::{Finding, Outcome, Verdict, VerdictEvidence, limits, localise, sentences};
 use crate::settings::Settings;
 use catenary_core::DifferentiableSimulator;
 use catenary_core::track::spread_mm;
+use track_fit::fitting::{CorrectedFit, FidelityCorrection, Fit, Problem};
 
 /// Finds the disagreement between the model and the measured episodes, and the candidates that explain it. Equal
 /// arguments give equal bits.
@@ -103,13 +103,13 @@ impl Search<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::Candidate;
     use crate::report::{Verdict, sentences};
-    use crate::toy::twisted::coarse;
-    use crate::toy::{self, Toy};
     use catenary_core::episode::MeasuredTrack;
     use catenary_core::{Fidelity, Prior, seed};
     use std::ops::ControlFlow;
+    use track_fit::data::Candidate;
+    use track_fit::toy::twisted::coarse;
+    use track_fit::toy::{self, Toy};
 
     const MASS: &str = "tip_mass_kg";
     const DRAG: &str = "linear_drag_n_s_m2";

@@ -8,13 +8,14 @@
 use super::context::Search;
 use super::progress::Stage;
 use super::template_groups::{Group, Kind};
-use crate::data::{Candidate, Template};
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Hypothesis, Refined, WeighedModel, Weighing, Whitening};
-use crate::fitting::{Fit, Probe, Problem, Start};
 use crate::report::{Alternative, Form, Missing, sentences, shows_most};
+use crate::template::Template;
 use catenary_core::mixture::log_sum_exp;
 use nalgebra::{DMatrix, DVector};
+use track_fit::data::Candidate;
+use track_fit::fitting::{Fit, Probe, Problem, Start};
 
 /// Least probability of a listed alternative.
 const LISTED: f64 = 0.01;

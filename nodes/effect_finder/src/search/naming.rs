@@ -4,13 +4,13 @@ use super::context::{Best, Checked, FOUND_SDS, LEAST_DECREASE, Named, PARENTS, S
 use super::elsewhere::LEAST_PREDICTED_DECREASE;
 use super::progress::Stage;
 use super::rivals::Rival;
-use crate::data::Candidate;
 use crate::error::FinderError;
 use crate::evidence::{
     Baseline, Effort, Extent, Hypothesis, LinearisedModel, Ranking, gain_beside_discrepancy, lowest_cost,
 };
-use crate::fitting::is_beyond_noise;
 use crate::report::{Finding, SupportEvidence, sentences};
+use track_fit::data::Candidate;
+use track_fit::fitting::is_beyond_noise;
 
 /// Number of tests after which the search does not go back to smaller models, so that it ends.
 const MOST_TESTS: usize = 6;

@@ -4,8 +4,8 @@ use super::context::Search;
 use super::progress::Stage;
 use crate::error::FinderError;
 use crate::evidence::{Detection, p_value};
-use crate::fitting::{Fit, Laplace, Problem, best_fit, is_bound_active};
 use crate::report::{Finding, sentences};
+use track_fit::fitting::{Fit, Laplace, Problem, best_fit, is_bound_active};
 
 /// Distance from a bound of the prior within which a value is near it: the smaller of this many standard deviations and
 /// this share of the prior.
@@ -29,7 +29,7 @@ impl Search<'_> {
         let settings = self.settings;
         let best = match self
             .reporter
-            .with_progress(Stage::Localise, |on_round| best_fit(&open, vec![point], settings, on_round))
+            .with_progress(Stage::Localise, |on_round| best_fit(&open, vec![point], &settings.of_fits(), on_round))
         {
             // Values beyond the prior may be impossible to simulate.
             Err(FinderError::NoFit(_)) => return Ok(false),

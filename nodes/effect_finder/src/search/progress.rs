@@ -1,8 +1,8 @@
 //! Progress of a search: its stages, and their reporter.
 
 use crate::error::FinderError;
-use crate::fitting::OnRound;
 use std::ops::ControlFlow;
+use track_fit::fitting::OnRound;
 
 /// Stage of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,19 +79,19 @@ impl<'a> Reporter<'a> {
     }
 
     /// Runs `fit`. Each of its rounds is reported as half of `stage`, because the number of rounds is not known beforehand.
-    pub fn with_progress<T>(
+    pub fn with_progress<T, E: Into<FinderError>>(
         &mut self,
         stage: Stage,
-        fit: impl FnOnce(OnRound<'_>) -> Result<T, FinderError>,
+        fit: impl FnOnce(OnRound<'_>) -> Result<T, E>,
     ) -> Result<T, FinderError> {
-        fit(&mut || notify(self.on_progress, stage, 0.5, None)).map_err(|e| in_stage(e, stage))
+        fit(&mut || notify(self.on_progress, stage, 0.5, None)).map_err(|e| in_stage(e.into(), stage))
     }
 
     /// Runs `fit` while its progress is reported by the number of its rounds.
-    pub fn with_rounds<T>(
+    pub fn with_rounds<T, E: Into<FinderError>>(
         &mut self,
         stage: Stage,
-        fit: impl FnOnce(OnRound<'_>) -> Result<T, FinderError>,
+        fit: impl FnOnce(OnRound<'_>) -> Result<T, E>,
     ) -> Result<T, FinderError> {
         let mut rounds = 0.0;
         // The number of rounds is unknown: the share approaches 1, and is half after four rounds.
@@ -99,7 +99,7 @@ impl<'a> Reporter<'a> {
             rounds += 1.0;
             notify(self.on_progress, stage, rounds / (rounds + 4.0), None)
         };
-        fit(&mut on_round).map_err(|e| in_stage(e, stage))
+        fit(&mut on_round).map_err(|e| in_stage(e.into(), stage))
     }
 
     /// Adds a conclusion of a stage, and reports it.

@@ -1,8 +1,9 @@
 //! Input of a search.
 
-use crate::data::{Candidate, Template};
+use crate::template::Template;
 use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
+use track_fit::data::Candidate;
 
 /// Input of a search.
 #[derive(Clone, Copy)]

@@ -1,10 +1,11 @@
 //! Groups of templates that act together, and the linear models that they give.
 
-use crate::data::{Candidate, Companion, Template};
 use crate::evidence::LinearModel;
-use crate::fitting::{Probe, Problem};
 use crate::report::Form;
+use crate::template::{Companion, Template};
 use catenary_core::{Frame, Prior};
+use track_fit::data::Candidate;
+use track_fit::fitting::{Probe, Problem};
 
 /// Places at which a template is tried, as fractions of the length: the first, the last, and the step.
 // A template is a tenth of the length wide.

@@ -3,11 +3,11 @@
 
 use super::context::{Best, Checked, Named, Search};
 use super::progress::Stage;
-use crate::data::MeasuredEpisode;
 use crate::error::FinderError;
 use crate::evidence::{Effort, Extent, Hypothesis, Ranking};
-use crate::fitting::FidelityCorrection;
 use crate::report::{EpisodeBands, PREDICTIONS, RepairEvidence, ValidationEvidence, Verification};
+use track_fit::data::MeasuredEpisode;
+use track_fit::fitting::FidelityCorrection;
 
 impl<'a> Search<'a> {
     /// Evidence of the fitted episodes on the best repair, with the first look at the validation episodes.
@@ -125,7 +125,9 @@ impl<'a> Search<'a> {
         }
         let (least, verifier) = (self.settings.least_log_bayes_factor, self.verifier());
         let mut cost = |h: &Hypothesis| {
-            self.reporter.with_progress(Stage::Verify, |on_round| Ok(verifier.predict(h, on_round)?.cost()))
+            self.reporter.with_progress(Stage::Verify, |on_round| {
+                verifier.predict(h, on_round).map(|predicted| predicted.cost())
+            })
         };
         let present = cost(base)?;
         for other in alike.iter().filter(|h| !h.is_same(&best.candidates)) {
@@ -144,14 +146,14 @@ mod tests {
     use super::super::progress::{Progress, Reporter};
     use super::super::question::Question;
     use super::*;
-    use crate::data::Candidate;
     use crate::evidence::Evidence;
-    use crate::fitting::{Problem, Start};
     use crate::report::Objection;
     use crate::settings::Settings;
-    use crate::toy::{self, Toy};
     use catenary_core::{Prior, seed};
     use std::ops::ControlFlow;
+    use track_fit::data::Candidate;
+    use track_fit::fitting::{Problem, Start};
+    use track_fit::toy::{self, Toy};
 
     fn go_on() -> ControlFlow<()> {
         ControlFlow::Continue(())

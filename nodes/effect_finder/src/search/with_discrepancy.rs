@@ -2,11 +2,11 @@
 
 use super::context::{LEAST_DECREASE, Search};
 use super::progress::Stage;
-use crate::data::Scope;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Hypothesis, Whitening};
-use crate::fitting::{Fit, Laplace, Problem, Start, best_fit};
 use crate::report::{Agreement, Fitness, sentences};
+use track_fit::data::Scope;
+use track_fit::fitting::{Fit, Laplace, Problem, Start, best_fit};
 
 /// Most Gauss-Newton steps of a fit with a discrepancy.
 const REWEIGHINGS: usize = 10;
@@ -76,7 +76,9 @@ impl Search<'_> {
         let unknowns = best.unknowns.for_episodes(episodes.len());
         let known = vec![unknowns.shared_from(&best.unknowns, &best.fit.point)];
         let own = Problem { episodes: &episodes, unknowns, ..*self.problem };
-        let fit = match self.reporter.with_progress(Stage::Repair, |on_round| best_fit(&own, known, settings, on_round))
+        let fit = match self
+            .reporter
+            .with_progress(Stage::Repair, |on_round| best_fit(&own, known, &settings.of_fits(), on_round))
         {
             // Validation episodes that cannot be simulated say nothing about the spread.
             Err(FinderError::NoFit(_)) => return Ok(None),

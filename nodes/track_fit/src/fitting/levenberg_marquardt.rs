@@ -2,7 +2,7 @@
 
 use super::problem::{Fit, LinearisedStart, OnRound, Problem, Start};
 use super::step::{damped_point, predicted_decrease};
-use crate::error::FinderError;
+use crate::error::FitError;
 use catenary_core::Track;
 use catenary_core::simulator::SimulatorError;
 
@@ -28,8 +28,8 @@ impl Problem<'_> {
     /// Fits each data set from its start; none for a start that cannot be simulated.
     ///
     /// # Errors
-    /// [`FinderError::NoFit`] if none could be, [`FinderError::Cancelled`] if `on_round` breaks.
-    pub fn fit(&self, starts: Vec<Start>, on_round: OnRound<'_>) -> Result<Vec<Option<Fit>>, FinderError> {
+    /// [`FitError::NoFit`] if none could be, [`FitError::Cancelled`] if `on_round` breaks.
+    pub fn fit(&self, starts: Vec<Start>, on_round: OnRound<'_>) -> Result<Vec<Option<Fit>>, FitError> {
         let seen = self.linearise(starts, on_round)?;
         let is_seen: Vec<bool> = seen.iter().map(Option::is_some).collect();
         let mut fits = self.minimise(seen.into_iter().flatten().collect(), on_round)?.into_iter();
@@ -39,17 +39,17 @@ impl Problem<'_> {
     /// Best fit of one data set from these starts, by successive halving: every few rounds the worse half is dropped.
     ///
     /// # Errors
-    /// As [`Problem::minimise`]; [`FinderError::NoFit`] if there is no start.
-    pub fn minimise_best(&self, seen: Vec<LinearisedStart>, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
+    /// As [`Problem::minimise`]; [`FitError::NoFit`] if there is no start.
+    pub fn minimise_best(&self, seen: Vec<LinearisedStart>, on_round: OnRound<'_>) -> Result<Fit, FitError> {
         let fits = self.minimise_with(seen, true, on_round)?.into_iter();
-        fits.min_by(|a, b| a.cost.total_cmp(&b.cost)).ok_or_else(|| FinderError::NoFit("no start was left".into()))
+        fits.min_by(|a, b| a.cost.total_cmp(&b.cost)).ok_or_else(|| FitError::NoFit("no start was left".into()))
     }
 
     /// Fits from these starts, in the same order.
     ///
     /// # Errors
-    /// [`FinderError::Cancelled`] if `on_round` breaks.
-    pub fn minimise(&self, seen: Vec<LinearisedStart>, on_round: OnRound<'_>) -> Result<Vec<Fit>, FinderError> {
+    /// [`FitError::Cancelled`] if `on_round` breaks.
+    pub fn minimise(&self, seen: Vec<LinearisedStart>, on_round: OnRound<'_>) -> Result<Vec<Fit>, FitError> {
         self.minimise_with(seen, false, on_round)
     }
 
@@ -59,7 +59,7 @@ impl Problem<'_> {
         seen: Vec<LinearisedStart>,
         is_halving: bool,
         on_round: OnRound<'_>,
-    ) -> Result<Vec<Fit>, FinderError> {
+    ) -> Result<Vec<Fit>, FitError> {
         let mut descents: Vec<Descent> = seen.into_iter().map(|seen| Descent::new(seen, self)).collect();
         for round in 1..self.rounds {
             if is_halving && round % HALVING_ROUNDS == 0 {
@@ -86,7 +86,7 @@ impl Problem<'_> {
                 descents[i].advance(fit.and_then(Result::ok), self);
             }
             if on_round().is_break() {
-                return Err(FinderError::Cancelled("fit"));
+                return Err(FitError::Cancelled);
             }
         }
         Ok(descents.into_iter().map(|c| c.fit).collect())
@@ -153,7 +153,7 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
     use std::ops::ControlFlow;
 
-    fn fit(episodes: &[MeasuredEpisode], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FinderError> {
+    fn fit(episodes: &[MeasuredEpisode], points: &[[f64; 2]]) -> Result<Vec<Option<Fit>>, FitError> {
         let toy = Toy { gain: 0.3 };
         let problem = Problem::of(&toy::model(), episodes, &toy, 40);
         let start = |p: &[f64; 2]| Start { point: p.to_vec(), tracks: problem.measured() };
@@ -224,7 +224,7 @@ mod tests {
         let problem = Problem::of(&toy::model(), &episodes, &toy, 40);
         let start = Start { point: vec![0.5; 2], tracks: problem.measured() };
         let stopped = problem.fit(vec![start], &mut || ControlFlow::Break(()));
-        assert!(matches!(stopped, Err(FinderError::Cancelled(_))));
+        assert!(matches!(stopped, Err(FitError::Cancelled)));
     }
 
     #[test]

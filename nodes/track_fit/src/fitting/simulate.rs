@@ -6,11 +6,11 @@ use catenary_core::simulator::{SimulatorError, Until};
 use catenary_core::{Fidelity, SimulationRequest, Track};
 use nalgebra::DVector;
 
-/// Cost limit. The simulation of a point may stop once its cost against `measured` exceeds `most`.
+/// Cost limits. The simulation of a point may stop once its cost against `measured` exceeds its number in `most`.
 #[derive(Clone, Copy)]
 struct Limit<'a> {
     measured: &'a [Track],
-    most: f64,
+    most: &'a [f64],
 }
 
 /// Relative rounding error of a sum of squares whose terms are added in another order.
@@ -51,8 +51,9 @@ impl Problem<'_> {
                 None => self.simulator.simulate(&request),
                 Some(Limit { measured, most }) => {
                     // A simulation must not end for a cost that exceeds the limit by rounding alone.
-                    let (measured, most) = (&measured[index], (1.0 + ROUNDING) * most);
-                    let left: Vec<f64> = spent.iter().map(|spent| most - spent).collect();
+                    let measured = &measured[index];
+                    let left: Vec<f64> =
+                        spent.iter().zip(most).map(|(spent, most)| most + ROUNDING * most.abs() - spent).collect();
                     let until = Until {
                         is_enough: &|place, frames| episode.is_enough(measured, frames, left[place]),
                         number: episode.stop_fingerprint(measured, &left),
@@ -106,10 +107,13 @@ impl Problem<'_> {
     ) -> Vec<Result<Vec<Track>, SimulatorError>> {
         let at: Vec<&[f64]> = points.iter().map(Vec::as_slice).collect();
         let none = || SimulatorError::Backend("expected a track, got none".into());
-        let alone = |p: &&[f64]| self.tracks_within(&[p], limit)?.pop().ok_or_else(none);
+        let alone = |(i, p): (usize, &&[f64])| {
+            let own = limit.map(|limit| Limit { most: &limit.most[i..=i], ..limit });
+            self.tracks_within(&[p], own)?.pop().ok_or_else(none)
+        };
         match self.tracks_within(&at, limit) {
             Ok(sets) => sets.into_iter().map(Ok).collect(),
-            Err(_) => at.iter().map(alone).collect(),
+            Err(_) => at.iter().enumerate().map(alone).collect(),
         }
     }
 
@@ -121,7 +125,12 @@ impl Problem<'_> {
     /// Costs as [`Self::costs`] up to `most`; a point that costs more gets some number above `most`. The majority of points
     /// exceed the limit long before their episodes end, which saves time.
     pub fn costs_to(&self, points: &[Vec<f64>], measured: &[Track], most: f64) -> Vec<f64> {
-        let limit = most.is_finite().then_some(Limit { measured, most });
+        self.costs_each_to(points, measured, &vec![most; points.len()])
+    }
+
+    /// Costs as [`Self::costs_to`], with a limit for each point.
+    pub fn costs_each_to(&self, points: &[Vec<f64>], measured: &[Track], most: &[f64]) -> Vec<f64> {
+        let limit = most.iter().any(|most| most.is_finite()).then_some(Limit { measured, most });
         let cost = |(tracks, p): (Result<Vec<Track>, _>, &Vec<f64>)| {
             let cost = tracks.map_or(f64::INFINITY, |t| self.residuals(p, measured, &t).norm_squared());
             // A cost that is not a number counts as a failed simulation.

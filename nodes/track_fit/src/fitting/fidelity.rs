@@ -4,7 +4,7 @@ use super::excess::leaves_more_than_noise;
 use super::multi_start::{fit_among_draws, search_further};
 use super::problem::{Fit, OnRound, Problem, Start};
 use crate::data::MeasuredEpisode;
-use crate::error::FinderError;
+use crate::error::FitError;
 use crate::settings::Settings;
 use catenary_core::Fidelity;
 
@@ -47,7 +47,7 @@ pub fn calibrated(
     known: Vec<Vec<f64>>,
     settings: &Settings,
     on_round: OnRound<'_>,
-) -> Result<CorrectedFit, FinderError> {
+) -> Result<CorrectedFit, FitError> {
     let rough = fit_among_draws(problem, known, settings, on_round)?;
     let Some(finer) = settings.finer_fidelity else {
         let fit = search_further(problem, rough, settings, on_round)?;
@@ -69,18 +69,18 @@ pub fn calibrated(
 /// simulation fails: near a fold the finer simulation may fold the object another way.
 ///
 /// # Errors
-/// [`FinderError::Cancelled`] if `on_round` breaks.
+/// [`FitError::Cancelled`] if `on_round` breaks.
 pub fn corrected_fit(
     problem: &Problem<'_>,
     fit: Fit,
     finer: Fidelity,
     on_round: OnRound<'_>,
-) -> Result<CorrectedFit, FinderError> {
+) -> Result<CorrectedFit, FitError> {
     let worst = fit.cost + WORSE_SDS * (2.0 * fit.residuals.len() as f64).sqrt();
     let mut best = CorrectedFit { episodes: problem.episodes.to_vec(), fit, correction: FidelityCorrection::Rejected };
     for _ in 0..REFINEMENTS {
         let next = match correction_round(problem, &best, finer, on_round) {
-            Err(cancelled @ FinderError::Cancelled(_)) => return Err(cancelled),
+            Err(cancelled @ FitError::Cancelled) => return Err(cancelled),
             Err(_) => break,
             Ok(next) => next,
         };
@@ -107,14 +107,14 @@ fn correction_round(
     last: &CorrectedFit,
     finer: Fidelity,
     on_round: OnRound<'_>,
-) -> Result<CorrectedFit, FinderError> {
+) -> Result<CorrectedFit, FitError> {
     let of = |episodes| Problem { episodes, unknowns: problem.unknowns.clone(), ..*problem };
     let episodes = of(&last.episodes).corrected_episodes(&last.fit.point, finer)?;
     let own = of(&episodes);
     // One start suffices: a correction moves the minimum only a little.
     let start = Start { point: last.fit.point.clone(), tracks: own.measured() };
     let fits = own.fit(vec![start], on_round)?.into_iter().flatten();
-    let fit = fits.last().ok_or_else(|| FinderError::NoFit("the refined fit failed".into()))?;
+    let fit = fits.last().ok_or_else(|| FitError::NoFit("the refined fit failed".into()))?;
     Ok(CorrectedFit { episodes, fit, correction: FidelityCorrection::Applied })
 }
 

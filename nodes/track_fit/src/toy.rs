@@ -9,8 +9,7 @@ use catenary_core::{
     DifferentiableSimulator, Frame, GripTrajectory, Model, Prior, SimulationRequest, Simulator, Track,
 };
 
-#[cfg(test)]
-pub(crate) mod twisted;
+pub mod twisted;
 
 /// Frames of a track.
 pub const FRAMES: usize = 20;

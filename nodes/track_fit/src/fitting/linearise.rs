@@ -3,7 +3,7 @@
 use super::laplace::Laplace;
 use super::problem::{Fit, LinearisedStart, OnRound, Problem, Start};
 use crate::data::Scope;
-use crate::error::FinderError;
+use crate::error::FitError;
 use catenary_core::Track;
 use catenary_core::simulator::{SimulatorError, TrackSensitivities};
 use nalgebra::{DMatrix, DVector};
@@ -17,7 +17,7 @@ impl Problem<'_> {
         &self,
         starts: Vec<Start>,
         on_round: OnRound<'_>,
-    ) -> Result<Vec<Option<LinearisedStart>>, FinderError> {
+    ) -> Result<Vec<Option<LinearisedStart>>, FitError> {
         self.linearise_with(starts, None, on_round)
     }
 
@@ -31,7 +31,7 @@ impl Problem<'_> {
         starts: Vec<Start>,
         known: &DMatrix<f64>,
         on_round: OnRound<'_>,
-    ) -> Result<Vec<Option<LinearisedStart>>, FinderError> {
+    ) -> Result<Vec<Option<LinearisedStart>>, FitError> {
         self.linearise_with(starts, Some(known), on_round)
     }
 
@@ -40,18 +40,18 @@ impl Problem<'_> {
         starts: Vec<Start>,
         known: Option<&DMatrix<f64>>,
         on_round: OnRound<'_>,
-    ) -> Result<Vec<Option<LinearisedStart>>, FinderError> {
+    ) -> Result<Vec<Option<LinearisedStart>>, FitError> {
         let at = starts.iter().map(|s| (s.point.as_slice(), s.tracks.as_slice())).collect();
         let fits = self.evaluate(at, known);
         if on_round().is_break() {
-            return Err(FinderError::Cancelled("fit"));
+            return Err(FitError::Cancelled);
         }
         let mut refusal = String::from("no start was given");
         let mut keep = |fit: Result<Fit, String>| fit.map_err(|reason| refusal = reason).ok();
         let seen = |(start, fit): (Start, Option<Fit>)| fit.map(|fit| LinearisedStart { tracks: start.tracks, fit });
         let fits: Vec<Option<Fit>> = fits.into_iter().map(&mut keep).collect();
         if fits.iter().all(Option::is_none) {
-            return Err(FinderError::NoFit(refusal));
+            return Err(FitError::NoFit(refusal));
         }
         Ok(starts.into_iter().zip(fits).map(seen).collect())
     }

@@ -2,7 +2,7 @@
 
 use super::multi_start::{FEW_ROUNDS, draws};
 use super::problem::{Fit, OnRound, Problem};
-use crate::error::FinderError;
+use crate::error::FitError;
 use crate::settings::Settings;
 use catenary_core::seed;
 
@@ -16,18 +16,18 @@ const MOST_MINIMA: usize = 4;
 /// from all others by a higher cost halfway between them.
 ///
 /// # Errors
-/// [`FinderError::Cancelled`] if `on_round` breaks.
+/// [`FitError::Cancelled`] if `on_round` breaks.
 pub fn other_minima(
     problem: &Problem<'_>,
     best: &[f64],
     settings: &Settings,
     on_round: OnRound<'_>,
-) -> Result<Vec<Fit>, FinderError> {
+) -> Result<Vec<Fit>, FitError> {
     let points = draws(problem, &[], settings, &mut seed::rng(settings.seed, MINIMA_STREAM));
     let starts = problem.cheapest(points, MINIMA_STARTS, on_round)?;
     let own = Problem { unknowns: problem.unknowns.clone(), rounds: FEW_ROUNDS, ..*problem };
     let mut fits: Vec<Fit> = match own.fit(starts, on_round) {
-        Err(FinderError::NoFit(_)) => return Ok(Vec::new()),
+        Err(FitError::NoFit(_)) => return Ok(Vec::new()),
         fits => fits?.into_iter().flatten().collect(),
     };
     fits.sort_by(|a, b| a.cost.total_cmp(&b.cost));
@@ -39,22 +39,27 @@ pub fn other_minima(
         if minima.len() == MOST_MINIMA {
             break;
         }
-        if known.iter().any(|(point, _)| !problem.unknowns.are_apart(&fit.point, point)) {
-            continue;
-        }
-        let middle = |(point, _): &(Vec<f64>, f64)| point.iter().zip(&fit.point).map(|(a, b)| 0.5 * (a + b)).collect();
-        let middles = problem.costs(&known.iter().map(middle).collect::<Vec<_>>(), &measured);
-        // Without a ridge halfway, both points lie in one long minimum along a direction that the data leave open.
-        if middles.iter().zip(&known).all(|(middle, (_, end))| *middle > end.max(fit.cost) + problem.decrease) {
+        if is_another(problem, &known, &fit) {
             known.push((fit.point.clone(), fit.cost));
             // Later ends in the same minimum must find it among the known ones.
             minima.push(fit);
         }
         if on_round().is_break() {
-            return Err(FinderError::Cancelled("fit"));
+            return Err(FitError::Cancelled);
         }
     }
     Ok(minima)
+}
+
+/// Returns whether a fit ended in another minimum than the `known` ones, each a point with its cost.
+pub(super) fn is_another(problem: &Problem<'_>, known: &[(Vec<f64>, f64)], fit: &Fit) -> bool {
+    if known.iter().any(|(point, _)| !problem.unknowns.are_apart(&fit.point, point)) {
+        return false;
+    }
+    let middle = |(point, _): &(Vec<f64>, f64)| point.iter().zip(&fit.point).map(|(a, b)| 0.5 * (a + b)).collect();
+    let middles = problem.costs(&known.iter().map(middle).collect::<Vec<_>>(), &problem.measured());
+    // Without a ridge halfway, both points lie in one long minimum along a direction that the data leave open.
+    middles.iter().zip(known).all(|(middle, (_, end))| *middle > end.max(fit.cost) + problem.decrease)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::problem::{Fit, OnRound, Problem, Start};
 use super::step::{damped_point, predicted_decrease};
-use crate::error::FinderError;
+use crate::error::FitError;
 use catenary_core::Track;
 
 /// Decrease of the cost under which a refit ends. Its residual energy scatters by about twenty between null sets.
@@ -52,7 +52,7 @@ impl Problem<'_> {
         about: &Fit,
         sets: Vec<SimulatedSet>,
         on_round: OnRound<'_>,
-    ) -> Result<Vec<Option<Fit>>, FinderError> {
+    ) -> Result<Vec<Option<Fit>>, FitError> {
         let first = |set: &SimulatedSet| self.with_jacobian_of(about, &set.point, &set.measured, set.tracks.clone());
         let mut fits: Vec<Option<Fit>> = sets.iter().map(first).collect();
         // Full Gauss-Newton steps first: each data set was simulated near its best fit.
@@ -81,7 +81,7 @@ impl Problem<'_> {
             }
             going.retain(|i| !lost.contains(i));
             if on_round().is_break() {
-                return Err(FinderError::Cancelled("fit"));
+                return Err(FitError::Cancelled);
             }
         }
         // Fits without an end after the last round continue with derivatives.
@@ -94,7 +94,7 @@ impl Problem<'_> {
         let own = Problem { unknowns: self.unknowns.clone(), decrease: REFIT_DECREASE, ..*self };
         match own.fit(starts, on_round) {
             Ok(found) => lost.into_iter().zip(found).for_each(|(i, fit)| fits[i] = fit),
-            Err(FinderError::NoFit(_)) if fits.iter().any(Option::is_some) => (),
+            Err(FitError::NoFit(_)) if fits.iter().any(Option::is_some) => (),
             Err(other) => return Err(other),
         }
         Ok(fits)

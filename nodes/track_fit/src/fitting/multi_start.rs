@@ -3,7 +3,7 @@
 use super::excess::leaves_more_than_noise;
 use super::problem::{Fit, OnRound, Problem, Start};
 use crate::data::MeasuredEpisode;
-use crate::error::FinderError;
+use crate::error::FitError;
 use crate::settings::Settings;
 use catenary_core::seed;
 use rand::{Rng, RngExt};
@@ -37,7 +37,7 @@ pub fn best_fit(
     known: Vec<Vec<f64>>,
     settings: &Settings,
     on_round: OnRound<'_>,
-) -> Result<Fit, FinderError> {
+) -> Result<Fit, FitError> {
     let first = fit_among_draws(problem, known, settings, on_round)?;
     search_further(problem, first, settings, on_round)
 }
@@ -47,19 +47,19 @@ pub fn best_fit(
 /// once a search brings little. A search of which no start can be simulated is skipped.
 ///
 /// # Errors
-/// [`FinderError::Cancelled`] if `on_round` breaks.
+/// [`FitError::Cancelled`] if `on_round` breaks.
 pub fn search_further(
     problem: &Problem<'_>,
     mut best: Fit,
     settings: &Settings,
     on_round: OnRound<'_>,
-) -> Result<Fit, FinderError> {
+) -> Result<Fit, FitError> {
     for search in 1..=SEARCHES {
         if !leaves_more_than_noise(&best) {
             break;
         }
         let fit = match further_fit(problem, &best.point, settings, search, on_round) {
-            Err(FinderError::NoFit(_)) => continue,
+            Err(FitError::NoFit(_)) => continue,
             other => other?,
         };
         let is_less = fit.cost < LEFT * best.cost;
@@ -81,7 +81,7 @@ pub fn fit_among_draws(
     known: Vec<Vec<f64>>,
     settings: &Settings,
     on_round: OnRound<'_>,
-) -> Result<Fit, FinderError> {
+) -> Result<Fit, FitError> {
     let points = draws(problem, &known, settings, &mut search_rng(settings, 0)).into_iter().chain(known).collect();
     problem.best_of(points, settings.starts, on_round)
 }
@@ -93,7 +93,7 @@ fn further_fit(
     settings: &Settings,
     search: u64,
     on_round: OnRound<'_>,
-) -> Result<Fit, FinderError> {
+) -> Result<Fit, FitError> {
     let (known, mut rng) = (vec![best.to_vec()], search_rng(settings, search));
     let mut points = match search {
         1 => continuation(problem, known.clone(), settings, &mut rng, on_round)?,
@@ -117,7 +117,7 @@ fn continuation(
     settings: &Settings,
     rng: &mut impl Rng,
     on_round: OnRound<'_>,
-) -> Result<Vec<Vec<f64>>, FinderError> {
+) -> Result<Vec<Vec<f64>>, FitError> {
     let mut reached = known;
     for share in BEGINNINGS {
         let episodes: Vec<MeasuredEpisode> = problem.episodes.iter().map(|c| c.beginning(share)).collect();
@@ -162,13 +162,13 @@ impl Problem<'_> {
     ///
     /// # Errors
     /// As [`Problem::fit`].
-    pub fn best_of(&self, points: Vec<Vec<f64>>, starts: usize, on_round: OnRound<'_>) -> Result<Fit, FinderError> {
+    pub fn best_of(&self, points: Vec<Vec<f64>>, starts: usize, on_round: OnRound<'_>) -> Result<Fit, FitError> {
         let ranked = self.cheapest(points, TRIES * starts, on_round)?;
-        let mut refusal = FinderError::NoFit("no start was given".into());
+        let mut refusal = FitError::NoFit("no start was given".into());
         for part in ranked.chunks(starts.max(1)) {
             match self.linearise(part.to_vec(), on_round) {
                 Ok(seen) => return self.minimise_best(seen.into_iter().flatten().collect(), on_round),
-                Err(none @ FinderError::NoFit(_)) => refusal = none,
+                Err(none @ FitError::NoFit(_)) => refusal = none,
                 Err(other) => return Err(other),
             }
         }
@@ -178,13 +178,8 @@ impl Problem<'_> {
     /// Starts at the `count` cheapest of `points`.
     ///
     /// # Errors
-    /// [`FinderError::Cancelled`] if `on_round` breaks.
-    pub fn cheapest(
-        &self,
-        points: Vec<Vec<f64>>,
-        count: usize,
-        on_round: OnRound<'_>,
-    ) -> Result<Vec<Start>, FinderError> {
+    /// [`FitError::Cancelled`] if `on_round` breaks.
+    pub fn cheapest(&self, points: Vec<Vec<f64>>, count: usize, on_round: OnRound<'_>) -> Result<Vec<Start>, FitError> {
         let measured = self.measured();
         let mut ranked: Vec<(f64, Vec<f64>)> = Vec::new();
         let mut rest = points.into_iter().peekable();
@@ -196,7 +191,7 @@ impl Problem<'_> {
             ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
             ranked.truncate(count);
             if on_round().is_break() {
-                return Err(FinderError::Cancelled("fit"));
+                return Err(FitError::Cancelled);
             }
         }
         Ok(ranked.into_iter().map(|(_, point)| Start { point, tracks: measured.clone() }).collect())
@@ -258,7 +253,7 @@ mod tests {
         let best = problem.best_of(points.clone(), 1, &mut || ControlFlow::Continue(())).unwrap();
         assert!(best.cost < 0.1, "{}", best.cost);
         let none = problem.best_of(points[..2].to_vec(), 1, &mut || ControlFlow::Continue(()));
-        assert!(matches!(none, Err(FinderError::NoFit(_))));
+        assert!(matches!(none, Err(FitError::NoFit(_))));
     }
 
     /// Toy that ends its tracks early if asked to, and counts frames.

@@ -7,6 +7,7 @@ use catenary_core::{DifferentiableSimulator, Fidelity, SimulationRequest, Simula
 
 /// Toy with a change of its tracks that its derivatives do not contain.
 pub struct Twisted<F> {
+    /// Toy without the change.
     pub toy: Toy,
     /// Change of a track, given the request and the number of the episode.
     twist: F,
@@ -88,8 +89,11 @@ impl<F: Twist> DifferentiableSimulator for Twisted<F> {
 /// Toy with a late fold: in the second half of its frames keypoints move unless theta's first parameter is within `by`
 /// of `about`. The slope of that move draws fits away from an unfolded measurement.
 pub struct FoldingLate {
+    /// Toy without the fold.
     pub toy: Toy,
+    /// First parameter of theta at which nothing folds.
     pub about: f64,
+    /// Distance from `about` up to which nothing folds.
     pub by: f64,
 }
 
@@ -138,9 +142,13 @@ impl DifferentiableSimulator for FoldingLate {
 /// Toy with a misleading discretisation error: below reference fidelity, more of the effect `of` shows as less of the
 /// effect `as_if`.
 pub struct Mimic {
+    /// Toy without the error.
     pub toy: Toy,
+    /// Share of the effect `of` that shows as less of `as_if`.
     pub error: f64,
+    /// Effect that is shown wrongly.
     pub of: &'static str,
+    /// Effect that it resembles.
     pub as_if: &'static str,
 }
 
@@ -187,5 +195,44 @@ impl MeasuredEpisode {
         let mut noisy = self.clone();
         noisy.measured = self.measure(&self.measured, rng);
         noisy
+    }
+}
+
+/// Toy that cannot tell a length from its mirror image: theta's first parameter counts by its distance from `at` alone.
+pub struct Mirrored {
+    /// Toy behind the mirror.
+    pub toy: Toy,
+    /// Length in m at which the mirror stands.
+    pub at: f64,
+}
+
+impl Mirrored {
+    fn folded(&self, request: &SimulationRequest) -> SimulationRequest {
+        let mut folded = request.clone();
+        folded.thetas.iter_mut().for_each(|theta| theta[0] = self.at + (theta[0] - self.at).abs());
+        folded
+    }
+}
+
+impl Simulator for Mirrored {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        self.toy.simulate(&self.folded(request))
+    }
+}
+
+impl DifferentiableSimulator for Mirrored {
+    fn sensitivities(
+        &self,
+        request: &SimulationRequest,
+        names: &[&str],
+    ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+        let mut all = self.toy.sensitivities(&self.folded(request), names)?;
+        let length = names.iter().position(|name| *name == "length_m");
+        for (one, theta) in all.iter_mut().zip(&request.thetas) {
+            if let Some(length) = length.filter(|_| theta[0] < self.at) {
+                one.derivatives[length].iter_mut().flat_map(|f| f.dlo.iter_mut().flatten()).for_each(|v| *v = -*v);
+            }
+        }
+        Ok(all)
     }
 }

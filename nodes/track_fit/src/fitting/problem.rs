@@ -77,6 +77,15 @@ impl Fit {
         self.jacobian.transpose() * &self.jacobian
     }
 
+    /// Linearisation in standard deviations of a noise of `inflation` times the variance.
+    #[must_use]
+    pub fn at_noise(mut self, inflation: f64) -> Self {
+        self.cost /= inflation;
+        self.residuals /= inflation.sqrt();
+        self.jacobian /= inflation.sqrt();
+        self
+    }
+
     /// Step from this point to `point`.
     pub(super) fn step_to(&self, point: &[f64]) -> DVector<f64> {
         DVector::from_iterator(point.len(), point.iter().zip(&self.point).map(|(a, b)| a - b))

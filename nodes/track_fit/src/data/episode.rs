@@ -1,6 +1,6 @@
 //! Measured episode and the request that simulates it.
 
-use crate::error::FinderError;
+use crate::error::FitError;
 use crate::settings::Settings;
 use catenary_core::camera::HALF_MASK_PX;
 use catenary_core::episode::MeasuredTrack;
@@ -39,12 +39,12 @@ impl MeasuredEpisode {
     /// Episode driven as the model says. A model driven by a policy replays the policy's actions.
     ///
     /// # Errors
-    /// [`FinderError::Drive`] if actions are needed and there are none, [`FinderError::Noise`] if the model's camera
-    /// has no noise, [`FinderError::PoseNoise`] if its predicted arm has none.
-    pub fn new(model: &Model, measured: &MeasuredTrack, settings: &Settings) -> Result<Self, FinderError> {
+    /// [`FitError::Drive`] if actions are needed and there are none, [`FitError::Noise`] if the model's camera
+    /// has no noise, [`FitError::PoseNoise`] if its predicted arm has none.
+    pub fn new(model: &Model, measured: &MeasuredTrack, settings: &Settings) -> Result<Self, FitError> {
         let noise_px = model.camera.keypoint_noise_px;
         if !(noise_px > 0.0 && noise_px.is_finite()) {
-            return Err(FinderError::Noise { got: noise_px });
+            return Err(FitError::Noise { got: noise_px });
         }
         let kind = model.observation.drive;
         // A simulation that follows the measured path of the hand predicts no arm pose.
@@ -52,12 +52,12 @@ impl MeasuredEpisode {
         let pose_noise_m = model.arm.pose_noise_m;
         let is_noise = pose_noise_m > 0.0 && pose_noise_m.is_finite();
         if !is_path && !is_noise {
-            return Err(FinderError::PoseNoise { got: pose_noise_m });
+            return Err(FitError::PoseNoise { got: pose_noise_m });
         }
         let drive = match kind {
             DriveKind::Grip => Drive::Grip(measured.grip.clone()),
             _ if measured.actions.is_empty() => {
-                return Err(FinderError::Drive { episode: measured.name.clone(), drive: kind.name() });
+                return Err(FitError::Drive { episode: measured.name.clone(), drive: kind.name() });
             }
             _ => Drive::Actions(measured.actions.clone()),
         };

@@ -1,7 +1,7 @@
 //! Probes: changes of the simulated values by parameters that are no unknowns of a fit.
 
 use super::problem::{Fit, OnRound, Problem};
-use crate::error::FinderError;
+use crate::error::FitError;
 use catenary_core::simulator::{SimulatorError, TrackSensitivities};
 use nalgebra::DMatrix;
 
@@ -27,8 +27,8 @@ impl Problem<'_> {
     /// priors are zero, and so are the columns of a probe that cannot be simulated: it changes nothing there.
     ///
     /// # Errors
-    /// [`FinderError::Cancelled`] if `on_round` breaks.
-    pub fn probed(&self, fit: &Fit, probes: &[Probe<'_>], on_round: OnRound<'_>) -> Result<DMatrix<f64>, FinderError> {
+    /// [`FitError::Cancelled`] if `on_round` breaks.
+    pub fn probed(&self, fit: &Fit, probes: &[Probe<'_>], on_round: OnRound<'_>) -> Result<DMatrix<f64>, FitError> {
         let width = |probe: &Probe<'_>| probe.count() * probe.names.len();
         let mut columns = DMatrix::zeros(fit.residuals.len(), probes.iter().map(width).sum());
         let mut across = 0;
@@ -44,7 +44,7 @@ impl Problem<'_> {
             }
             across += width(probe);
             if on_round().is_break() {
-                return Err(FinderError::Cancelled("fit"));
+                return Err(FitError::Cancelled);
             }
         }
         Ok(columns)

@@ -1,0 +1,13 @@
+#![doc = include_str!("../README.md")]
+
+pub mod data;
+mod differences;
+pub mod error;
+pub mod fitting;
+pub mod sampling;
+pub mod settings;
+pub mod toy;
+
+pub use differences::Differences;
+pub use error::FitError;
+pub use settings::Settings;
