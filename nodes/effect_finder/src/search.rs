@@ -14,6 +14,7 @@ mod progress;
 mod question;
 mod rivals;
 mod template_groups;
+mod unlike;
 mod validation;
 mod with_discrepancy;
 

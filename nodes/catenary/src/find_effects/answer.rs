@@ -179,6 +179,7 @@ pub mod tests {
             verdict: Verdict::Named,
             misfit: None,
             noise_doubt: None,
+            joined: Vec::new(),
             conclusions: vec!["a step".into()],
             present: fitness(38.2, 2500.0, Vec::new()),
             places: Vec::new(),

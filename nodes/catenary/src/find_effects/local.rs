@@ -37,7 +37,7 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     catenary_shell::end_on_signals(&shutdown)?;
     let mut fitted = episodes(arguments.bags.all(), &all, model).given()?;
     let given = |bags: &[PathBuf]| if bags.is_empty() { Ok(Vec::new()) } else { episodes(bags, &all, model).given() };
-    let (validation, held_out) = match (given(&arguments.validate)?, given(&arguments.verify)?) {
+    let (mut validation, mut held_out) = match (given(&arguments.validate)?, given(&arguments.verify)?) {
         (validate, verify) if validate.is_empty() && verify.is_empty() => (hold_out(&mut fitted), verify),
         // Without others, the episodes that verify must choose, too.
         (validate, verify) if validate.is_empty() => (verify, validate),
@@ -86,6 +86,8 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
         Ok(outcome) => outcome,
     };
     let Outcome { finding, model: repaired, shown } = outcome;
+    // Recordings that contradict the model were searched as if they had been given as fitted.
+    effect_finder::report::join(&finding.joined, &mut fitted, &mut validation, &mut held_out);
     // Rewritten in place, so that the user's comments in the model file survive.
     let text = match repaired {
         Some(model) => model.rewrite(text)?,

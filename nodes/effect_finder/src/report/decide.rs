@@ -11,6 +11,9 @@ use crate::settings::Settings;
 pub struct VerdictEvidence {
     /// p-value of the present model's test.
     pub p_value: f64,
+    /// p-values of the present model on each validation and held-out episode; empty without any, or if the fitted episodes
+    /// show a gap.
+    pub further: Vec<f64>,
     /// Parameters are at bounds of their priors, and the gap closes beyond these.
     pub closes_beyond_prior: bool,
     /// Best repair; none if no candidate model is more probable than the present model.
@@ -98,9 +101,18 @@ pub enum Objection {
     LessLikely(f64),
 }
 
+/// Returns whether one of `count` validation and held-out episodes contradicts the present model, by its p-value.
+///
+/// Bonferroni: each of them is tested at `level / count`, so that a model that lacks nothing passes all of these tests with
+/// a probability of at least 1 - `level`.
+pub fn is_unlike(p_value: f64, count: usize, settings: &Settings) -> bool {
+    p_value <= settings.level / count as f64
+}
+
 /// Verdict on the evidence.
 pub fn decide(evidence: &VerdictEvidence, settings: &Settings) -> Verdict {
-    if evidence.p_value > settings.level {
+    let VerdictEvidence { p_value, further, .. } = evidence;
+    if *p_value > settings.level && !further.iter().any(|p| is_unlike(*p, further.len(), settings)) {
         return Verdict::NoGap;
     }
     if evidence.closes_beyond_prior {
@@ -288,12 +300,15 @@ mod tests {
             ),
         ];
         for (rule, repair, verdict) in rows {
-            let evidence = |p_value, closes_beyond_prior| {
-                decide(&VerdictEvidence { p_value, closes_beyond_prior, repair: repair.clone() }, &Settings::default())
+            let evidence = |p_value, further: &[f64], closes_beyond_prior| {
+                let (further, repair) = (further.to_vec(), repair.clone());
+                decide(&VerdictEvidence { p_value, further, closes_beyond_prior, repair }, &Settings::default())
             };
-            assert_eq!(evidence(0.05, false), verdict, "{rule}");
-            assert_eq!(evidence(0.051, false), Verdict::NoGap, "{rule}, but the present model is not rejected");
-            assert_eq!(evidence(0.05, true), Verdict::PriorTooNarrow, "{rule}, but the gap closes beyond a prior");
+            assert_eq!(evidence(0.05, &[], false), verdict, "{rule}");
+            assert_eq!(evidence(0.051, &[], false), Verdict::NoGap, "{rule}, but the present model is not rejected");
+            assert_eq!(evidence(0.051, &[0.026, 1.0], false), Verdict::NoGap, "{rule}, but each episode agrees");
+            assert_eq!(evidence(0.051, &[1.0, 0.025], false), verdict, "{rule}, and one of two episodes contradicts");
+            assert_eq!(evidence(0.05, &[], true), Verdict::PriorTooNarrow, "{rule}, but the gap closes beyond a prior");
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::decide::{Objection, VerdictEvidence, decide};
 use super::detectable::DetectionLimit;
+use super::further::FurtherTest;
 use super::localisation::Localisation;
 use super::missing::Missing;
 use super::separation::Separation;
@@ -53,6 +54,10 @@ pub struct Finding {
     /// Reason to doubt the model's noise, in a sentence; none: it is not larger than the data's.
     #[serde(default)]
     pub noise_doubt: Option<String>,
+    /// Validation and held-out episodes that contradict the present model, although the episodes given as fitted agree with it.
+    /// In this order they follow these among the fitted episodes of all other fields.
+    #[serde(default)]
+    pub joined: Vec<FurtherTest>,
     /// Present model.
     pub present: Fitness,
     /// Localisation of the disagreement, part by part.
@@ -135,6 +140,7 @@ impl Finding {
             conclusions: Vec::new(),
             misfit: None,
             noise_doubt: None,
+            joined: Vec::new(),
             present,
             places,
             pressing,

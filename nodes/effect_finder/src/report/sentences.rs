@@ -3,6 +3,7 @@
 use super::bands::EpisodeBands;
 use super::decide::{Objection, SupportEvidence};
 use super::finding::{Estimate, Finding, Fitness};
+use super::further::FurtherTest;
 use super::localisation::{Localisation, Part, onset, worst_quantity};
 use super::missing::{Missing, part_in_words};
 use super::separation::Separation;
@@ -42,6 +43,33 @@ pub fn detected(fitness: &Fitness, is_gap: bool) -> String {
     };
     let (statistic, p) = (test.statistic, p_clause(test.p_value, test.null.len()));
     format!("{meaning}: residual energy {statistic:.0}, median of the null data sets {middle:.0}, {p}{less}")
+}
+
+/// Validation and held-out episodes that agree with the present model as the fitted ones do; `tests` is not empty.
+pub fn alike(tests: &[FurtherTest]) -> String {
+    let least = tests.iter().min_by(|a, b| a.p_value.total_cmp(&b.p_value));
+    let p = least.map_or(String::new(), |test| p_clause(test.p_value, test.null_sets));
+    match tests.len() {
+        1 => format!("the further episode agrees with the model, too: {p}"),
+        count => format!("the {count} further episodes agree with the model, too: the least {p}"),
+    }
+}
+
+/// Validation and held-out episodes that contradict the present model, while the fitted ones agree with it.
+pub fn unlike(tests: &[FurtherTest]) -> String {
+    let words = |test: &FurtherTest| format!("{}, {}", test.name, p_clause(test.p_value, test.null_sets));
+    let list = tests.iter().map(words).collect::<Vec<_>>().join(", and ");
+    let held_out: Vec<&str> = tests.iter().filter(|t| t.is_held_out).map(|t| t.name.as_str()).collect();
+    let lost = match held_out.as_slice() {
+        [] => String::new(),
+        [one] => format!("; {one} is no longer held out, and cannot verify the result"),
+        several => format!("; {} are no longer held out, and cannot verify the result", several.join(" and ")),
+    };
+    let (what, them) = match tests.len() {
+        1 => ("another episode contradicts".to_owned(), "it"),
+        count => (format!("{count} other episodes contradict"), "them"),
+    };
+    format!("{what} the model: {list}; the search goes on with {them} among the fitted episodes{lost}")
 }
 
 /// Warning about a noise of the model that is larger than the data's; none if the residual is as large as that of some null data set.

@@ -196,7 +196,7 @@ fn unsearched_single(all: &[Hypothesis]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::super::find::find;
-    use super::super::progress::{Progress, Reporter};
+    use super::super::progress::{Progress, Reporter, Told};
     use super::super::question::Question;
     use super::*;
     use catenary_core::{Fidelity, Prior};
@@ -311,7 +311,7 @@ mod tests {
         assert!(pair.fit.cost < 1e-3 && single.fit.cost > 100.0, "{} {}", pair.fit.cost, single.fit.cost);
         let question = Question::of(&model, &[]);
         let mut listen = |_: &Progress| ControlFlow::Continue(());
-        let reporter = Reporter::new(&mut listen);
+        let reporter = Reporter::new(&mut listen, Told::default());
         let mut search =
             Search { question, problem: &problem, validation: &[], held_out: &[], settings: &settings, reporter };
         let better = search.stepped_back(&[pair.clone(), single], &baseline).unwrap().expect("it fits better");
@@ -351,7 +351,7 @@ mod tests {
             let old =
                 Hypothesis { candidates, unknowns, episodes: None, correction, fit: far, evidence, effort, spread };
             let mut listen = |_: &Progress| ControlFlow::Continue(());
-            let reporter = Reporter::new(&mut listen);
+            let reporter = Reporter::new(&mut listen, Told::default());
             let mut search =
                 Search { question, problem: &problem, validation: &[], held_out: &[], settings: &settings, reporter };
             let new = search.keep_better(&old, best, Effort::Searched, &baseline).unwrap();

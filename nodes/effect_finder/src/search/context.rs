@@ -16,9 +16,9 @@ pub(super) const PARENTS: usize = 3;
 pub(super) const FOUND_SDS: f64 = 2.0;
 /// Least decrease of the cost of a better fit: a hundredth of a log Bayes factor.
 pub(super) const LEAST_DECREASE: f64 = 0.02;
-/// Null sets with at least the measured T after which the test of a repaired model stops: its p-value is then far above
-/// the level.
-const ENOUGH: usize = 20;
+/// Null sets with at least the measured T after which a test stops whose p-value alone matters: it is then far above the
+/// level.
+pub(super) const ENOUGH: usize = 20;
 
 /// Result of naming.
 pub(super) struct Named {

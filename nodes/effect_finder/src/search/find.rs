@@ -3,11 +3,14 @@
 use super::calibrate::{Calibration, calibrate};
 use super::context::Search;
 use super::explain::Explained;
-use super::progress::{OnProgress, Reporter, Stage};
+use super::progress::{OnProgress, Reporter, Stage, Told};
 use super::question::Question;
 use crate::error::FinderError;
-use crate::evidence::{Baseline, Effort, Hypothesis};
-use crate::report::{Finding, Outcome, Verdict, VerdictEvidence, limits, localise, sentences};
+use crate::evidence::{Baseline, Detection, Effort, Hypothesis};
+use crate::report::{
+    Finding, Fitness, FurtherTest, Outcome, Verdict, VerdictEvidence, index_among_all, join, limits, localise,
+    sentences,
+};
 use crate::settings::Settings;
 use catenary_core::DifferentiableSimulator;
 use catenary_core::track::spread_mm;
@@ -15,6 +18,9 @@ use track_fit::fitting::{CorrectedFit, FidelityCorrection, Fit, Problem};
 
 /// Finds the disagreement between the model and the measured episodes, and the candidates that explain it. Equal
 /// arguments give equal bits.
+///
+/// If the fitted episodes show no gap, but validation or held-out episodes contradict the model, these join the fitted
+/// ones, and the search goes on as if they had been given so.
 ///
 /// # Errors
 /// [`FinderError`].
@@ -28,47 +34,85 @@ pub fn find(
     if question.measured.is_empty() {
         return Err(FinderError::NoEpisode);
     }
-    let mut reporter = Reporter::new(on_progress);
-    let Calibration { present, validation, held_out } = calibrate(&question, simulator, settings, &mut reporter)?;
-    let CorrectedFit { episodes, fit, correction } = present;
-    let problem = Problem::of(question.model, &episodes, simulator, settings.rounds);
-    let search =
-        Search { question, problem: &problem, validation: &validation, held_out: &held_out, settings, reporter };
-    let mut outcome = search.run(fit, correction)?;
-    let tracks = question.measured.iter().map(|m| &m.track);
-    outcome.finding.judge(spread_mm(tracks, &question.model.camera.view));
-    Ok(outcome)
+    let (mut joined, mut told): (Vec<FurtherTest>, _) = (Vec::new(), Told::default());
+    // Each round but the last moves episodes to the fitted ones, so that the loop ends.
+    loop {
+        let [mut measured, mut validation, mut held_out] =
+            [question.measured, question.validation, question.held_out].map(<[_]>::to_vec);
+        join(&joined, &mut measured, &mut validation, &mut held_out);
+        let own = Question { measured: &measured, validation: &validation, held_out: &held_out, ..question };
+        let mut reporter = Reporter::new(&mut *on_progress, told);
+        let Calibration { present, validation, held_out } = calibrate(&own, simulator, settings, &mut reporter)?;
+        let CorrectedFit { episodes, fit, correction } = present;
+        let problem = Problem::of(own.model, &episodes, simulator, settings.rounds);
+        let search = Search {
+            question: own,
+            problem: &problem,
+            validation: &validation,
+            held_out: &held_out,
+            settings,
+            reporter,
+        };
+        match search.run(fit, correction)? {
+            Ended::Found(mut outcome) => {
+                outcome.finding.judge(spread_mm(measured.iter().map(|m| &m.track), &question.model.camera.view));
+                outcome.finding.joined = joined;
+                return Ok(*outcome);
+            }
+            Ended::Unlike(unlike, so_far) => {
+                let among_all = |t: FurtherTest| {
+                    let index = index_among_all(t.index, t.is_held_out, &joined);
+                    FurtherTest { index, ..t }
+                };
+                let unlike: Vec<FurtherTest> = unlike.into_iter().map(among_all).collect();
+                joined.extend(unlike);
+                told = so_far;
+            }
+        }
+    }
+}
+
+/// End of a pass through the stages.
+enum Ended {
+    /// Outcome of the search.
+    Found(Box<Outcome>),
+    /// Episodes that contradict a present model with which the fitted ones agree, and what was told until then.
+    Unlike(Vec<FurtherTest>, Told),
+}
+
+/// Present model with its test on the fitted episodes.
+struct Tested {
+    base: Hypothesis,
+    baseline: Baseline,
+    detection: Detection,
+    fitness: Fitness,
+    pressing: Vec<String>,
+    is_gap: bool,
 }
 
 impl Search<'_> {
     /// Tests the present model at its best fit, and explains its residual.
-    fn run(mut self, fit: Fit, correction: FidelityCorrection) -> Result<Outcome, FinderError> {
+    fn run(mut self, fit: Fit, correction: FidelityCorrection) -> Result<Ended, FinderError> {
+        let tested = self.test_present(fit, correction)?;
+        // A gap of the fitted episodes is explained first; the other ones then choose between explanations.
+        let further = if tested.is_gap { Vec::new() } else { self.test_further(&tested.base)? };
+        let unlike = self.contradicting(&further)?;
+        if !unlike.is_empty() {
+            return Ok(Ended::Unlike(unlike, self.reporter.into_told()));
+        }
+        let outcome = self.explain_tested(tested, further.iter().map(|t| t.p_value).collect())?;
+        Ok(Ended::Found(Box::new(outcome)))
+    }
+
+    /// Tests the present model on the fitted episodes.
+    fn test_present(&mut self, fit: Fit, correction: FidelityCorrection) -> Result<Tested, FinderError> {
         let agreement = self.agreement(self.problem, &fit)?;
         self.reporter.conclude(Stage::Calibrate, sentences::fitted(&agreement.estimates, agreement.rmse_mm))?;
         let pressing = self.pressing(&fit);
         let detection = self.detect(self.problem, &fit, 0, Stage::Detect)?;
-        let present = agreement.with(&detection);
-        let p_value = present.test.p_value;
-        let is_gap = p_value <= self.settings.level;
-        self.reporter.conclude(Stage::Detect, sentences::detected(&present, is_gap))?;
-        let places = localise(&fit, &self.problem.channels(), &detection);
-        let mut outcome =
-            Outcome { finding: Finding::without_gap(present, places, pressing), model: None, shown: Vec::new() };
-        if let Some(doubt) = sentences::noise_doubt(&outcome.finding.present.test) {
-            self.reporter.conclude(Stage::Detect, format!("warning: {doubt}"))?;
-            outcome.finding.noise_doubt = Some(doubt);
-        }
-        let (problem, candidates) = (self.problem, self.question.candidates);
-        // Limits are reported with every finding, with and without a gap.
-        outcome.finding.limits =
-            self.reporter.with_progress(Stage::Localise, |on_round| limits(problem, &fit, candidates, on_round))?;
-        let mut closes_beyond_prior = false;
-        if is_gap {
-            let names: Vec<&str> = self.question.measured.iter().map(|m| m.name.as_str()).collect();
-            self.reporter
-                .conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level, &names))?;
-            closes_beyond_prior = self.closes_with_open_priors(&fit, &outcome.finding, &detection)?;
-        }
+        let fitness = agreement.with(&detection);
+        let is_gap = fitness.test.p_value <= self.settings.level;
+        self.reporter.conclude(Stage::Detect, sentences::detected(&fitness, is_gap))?;
         let baseline = Baseline::new(self.problem.episodes, &fit).ok_or_else(FinderError::curvature)?;
         let base = Hypothesis {
             candidates: Vec::new(),
@@ -80,13 +124,39 @@ impl Search<'_> {
             effort: Effort::Searched,
             spread: Vec::new(),
         };
+        Ok(Tested { base, baseline, detection, fitness, pressing, is_gap })
+    }
+
+    /// Explains the residual of the tested model. `further` are its p-values on validation and held-out episodes.
+    fn explain_tested(mut self, tested: Tested, further: Vec<f64>) -> Result<Outcome, FinderError> {
+        let Tested { base, baseline, detection, fitness, pressing, is_gap } = tested;
+        let p_value = fitness.test.p_value;
+        let places = localise(&base.fit, &self.problem.channels(), &detection);
+        let mut outcome =
+            Outcome { finding: Finding::without_gap(fitness, places, pressing), model: None, shown: Vec::new() };
+        if let Some(doubt) = sentences::noise_doubt(&outcome.finding.present.test) {
+            self.reporter.conclude(Stage::Detect, format!("warning: {doubt}"))?;
+            outcome.finding.noise_doubt = Some(doubt);
+        }
+        let (problem, candidates) = (self.problem, self.question.candidates);
+        // Limits are reported with every finding, with and without a gap.
+        outcome.finding.limits = self
+            .reporter
+            .with_progress(Stage::Localise, |on_round| limits(problem, &base.fit, candidates, on_round))?;
+        let mut closes_beyond_prior = false;
+        if is_gap {
+            let names: Vec<&str> = self.question.measured.iter().map(|m| m.name.as_str()).collect();
+            self.reporter
+                .conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level, &names))?;
+            closes_beyond_prior = self.closes_with_open_priors(&base.fit, &outcome.finding, &detection)?;
+        }
         let Explained { repair, named } = if is_gap {
             self.explain(&base, &baseline, &mut outcome)?
         } else {
             outcome.shown = self.bands(&base, None)?;
             Explained { repair: None, named: None }
         };
-        let evidence = VerdictEvidence { p_value, closes_beyond_prior, repair };
+        let evidence = VerdictEvidence { p_value, further, closes_beyond_prior, repair };
         outcome.finding.conclude(&evidence, self.settings);
         if outcome.finding.verdict == Verdict::PriorTooNarrow {
             outcome.model = None;

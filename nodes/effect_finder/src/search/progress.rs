@@ -52,7 +52,7 @@ impl Stage {
 pub struct Progress {
     /// Present stage.
     pub stage: Stage,
-    /// Approximate share of the search that is done. It falls if the search begins again with other effects.
+    /// Approximate share of the search that is done. It never falls.
     pub progress: f64,
     /// Conclusion of a finished stage.
     pub conclusion: Option<String>,
@@ -61,21 +61,43 @@ pub struct Progress {
 /// Listener for progress; it returns whether the search goes on.
 pub type OnProgress<'a> = &'a mut dyn FnMut(&Progress) -> ControlFlow<()>;
 
+/// What a search has told so far.
+#[derive(Debug, Default)]
+pub struct Told {
+    conclusions: Vec<String>,
+    /// Progress at the beginning of the present pass through the stages.
+    begun: f64,
+    /// Progress that was reported last.
+    reached: f64,
+}
+
 /// Reporter of progress and collector of conclusions.
 pub struct Reporter<'a> {
     on_progress: OnProgress<'a>,
-    conclusions: Vec<String>,
+    told: Told,
 }
 
 impl<'a> Reporter<'a> {
-    /// Reporter without conclusions yet.
-    pub fn new(on_progress: OnProgress<'a>) -> Self {
-        Self { on_progress, conclusions: Vec::new() }
+    /// Reporter of a search that has `told` something in earlier passes through its stages, or nothing yet.
+    pub fn new(on_progress: OnProgress<'a>, told: Told) -> Self {
+        let mut reporter = Self { on_progress, told };
+        reporter.pass_again();
+        reporter
     }
 
     /// Conclusions so far.
     pub fn into_conclusions(self) -> Vec<String> {
-        self.conclusions
+        self.told.conclusions
+    }
+
+    /// Everything told so far, for a reporter that goes on.
+    pub fn into_told(self) -> Told {
+        self.told
+    }
+
+    /// Begins another pass through the stages, which share what is left of the progress.
+    pub fn pass_again(&mut self) {
+        self.told.begun = self.told.reached;
     }
 
     /// Runs `fit`. Each of its rounds is reported as half of `stage`, because the number of rounds is not known beforehand.
@@ -84,7 +106,7 @@ impl<'a> Reporter<'a> {
         stage: Stage,
         fit: impl FnOnce(OnRound<'_>) -> Result<T, E>,
     ) -> Result<T, FinderError> {
-        fit(&mut || notify(self.on_progress, stage, 0.5, None)).map_err(|e| in_stage(e.into(), stage))
+        fit(&mut || self.notify(stage, 0.5, None)).map_err(|e| in_stage(e.into(), stage))
     }
 
     /// Runs `fit` while its progress is reported by the number of its rounds.
@@ -93,33 +115,47 @@ impl<'a> Reporter<'a> {
         stage: Stage,
         fit: impl FnOnce(OnRound<'_>) -> Result<T, E>,
     ) -> Result<T, FinderError> {
+        self.with_rounds_of_part(stage, [0.0, 1.0], fit)
+    }
+
+    /// Runs `fit`, which is the part of `stage` between two shares of it, while its progress is reported by the number of its
+    /// rounds.
+    pub fn with_rounds_of_part<T, E: Into<FinderError>>(
+        &mut self,
+        stage: Stage,
+        [from, to]: [f64; 2],
+        fit: impl FnOnce(OnRound<'_>) -> Result<T, E>,
+    ) -> Result<T, FinderError> {
         let mut rounds = 0.0;
         // The number of rounds is unknown: the share approaches 1, and is half after four rounds.
         let mut on_round = || {
             rounds += 1.0;
-            notify(self.on_progress, stage, rounds / (rounds + 4.0), None)
+            self.notify(stage, from + (to - from) * rounds / (rounds + 4.0), None)
         };
         fit(&mut on_round).map_err(|e| in_stage(e.into(), stage))
     }
 
     /// Adds a conclusion of a stage, and reports it.
     pub fn conclude(&mut self, stage: Stage, sentence: String) -> Result<(), FinderError> {
-        self.conclusions.push(sentence.clone());
+        self.told.conclusions.push(sentence.clone());
         self.report(stage, 1.0, Some(sentence))
     }
 
     /// Reports progress, `share` of a stage.
     pub fn report(&mut self, stage: Stage, share: f64, conclusion: Option<String>) -> Result<(), FinderError> {
-        match notify(self.on_progress, stage, share, conclusion) {
+        match self.notify(stage, share, conclusion) {
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(FinderError::Cancelled(stage.name())),
         }
     }
-}
 
-/// Reports progress, `share` of a stage, and returns whether to go on.
-fn notify(on_progress: OnProgress<'_>, stage: Stage, share: f64, conclusion: Option<String>) -> ControlFlow<()> {
-    on_progress(&Progress { stage, progress: within(stage, share), conclusion })
+    /// Reports progress, `share` of a stage, and returns whether to go on.
+    fn notify(&mut self, stage: Stage, share: f64, conclusion: Option<String>) -> ControlFlow<()> {
+        let Told { begun, reached, .. } = &mut self.told;
+        // The search may go back to an earlier stage, or to the beginning of its own: progress waits for it.
+        *reached = reached.max(*begun + (1.0 - *begun) * within(stage, share));
+        (self.on_progress)(&Progress { stage, progress: *reached, conclusion })
+    }
 }
 
 fn within(stage: Stage, share: f64) -> f64 {

@@ -5,7 +5,8 @@ use catenary_core::Model;
 use catenary_core::episode::MeasuredTrack;
 use track_fit::data::Candidate;
 
-/// Input of a search.
+/// Input of a search. Validation and held-out episodes that contradict the model, while the fitted ones agree with it, are
+/// fitted, too.
 #[derive(Clone, Copy)]
 pub struct Question<'a> {
     /// Present model.

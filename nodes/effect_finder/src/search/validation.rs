@@ -143,7 +143,7 @@ impl<'a> Search<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::progress::{Progress, Reporter};
+    use super::super::progress::{Progress, Reporter, Told};
     use super::super::question::Question;
     use super::*;
     use crate::evidence::Evidence;
@@ -200,7 +200,7 @@ mod tests {
             let settings = Settings { finer_fidelity: None, ..Settings::default() };
             let question = Question::of(&model, &[]);
             let mut listen = |_: &Progress| ControlFlow::Continue(());
-            let reporter = Reporter::new(&mut listen);
+            let reporter = Reporter::new(&mut listen, Told::default());
             let mut search = Search {
                 question,
                 problem: &problem,
