@@ -10,4 +10,4 @@ mod warnings;
 pub use parts::Part;
 pub use predictive::{Predictive, PredictiveCheck, Unchecked, nearest_order, out_of_view, predictive};
 pub use support::support_warnings;
-pub use warnings::{edge_warnings, fit_warnings, misfit};
+pub use warnings::{Edges, edge_warnings, fit_warnings, misfit};

@@ -1,9 +1,10 @@
 //! Whole inference: iterations, posterior, posterior predictive check and warnings.
 
-use crate::diagnostics::{self, Predictive};
+use crate::diagnostics::{self, Edges, Predictive, PredictiveCheck, Unchecked};
 use crate::error::InferenceError;
 use crate::fingerprint::fingerprint;
 use crate::network::IntervalFactors;
+use crate::refinement::{Refined, Refinement, refine};
 use crate::sequential::{
     Iteration, Observed, OnProgress, PART, Progress, Sequential, State, SupportMove, episode_seed,
 };
@@ -15,6 +16,7 @@ use catenary_core::posterior::Marginal;
 use catenary_core::{Model, Policy, Posterior, SimulationRequest, Simulator, Track, seed};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
+use track_fit::FitError;
 
 /// Number of draws for the share of the mixture outside of the prior's support: good to half a percentage point.
 const MASS_DRAWS: usize = 10_000;
@@ -31,12 +33,15 @@ pub struct InferenceResult {
     pub posterior: Posterior,
     /// Marginals of the posterior in the parameters' units.
     pub marginals: Vec<Marginal>,
-    /// Widening of the posterior after the last iteration.
+    /// Widening of the networks' posterior after the last iteration. A refined posterior is not widened.
     pub widening: Widening,
     /// Account of each iteration.
     pub iterations: Vec<Iteration>,
     /// Share of the untruncated mixture outside of the prior's support, before the widening.
     pub mass_outside: f64,
+    /// Refinement of the networks' posterior; none if the networks' posterior is the result.
+    #[serde(default)]
+    pub refinement: Option<Refinement>,
     /// Posterior predictive check; none if no draws were requested or the check was impossible.
     pub predictive: Option<Predictive>,
     /// Reason for which the posterior must not be used, if the predictive check failed outright.
@@ -114,18 +119,28 @@ pub fn infer(
     };
     // A widened mixture of an undetermined parameter lies mostly outside, which says nothing about the networks.
     let mass_outside = narrow.mixture.mass_outside(MASS_DRAWS, &mut seed::rng(settings.seed, MASS_STREAM));
-    let checked = match settings.predictive_draws {
-        0 => None,
-        draws => {
-            let seed = seed::derive(settings.seed, PREDICTIVE_STREAM);
-            let thetas = posterior.sample(draws, seed).map_err(failed)?;
-            let simulations = sequential.state().simulations();
+    let simulations = sequential.state().simulations();
+    let mut unrefined = None;
+    let refined = match settings.refine {
+        false => None,
+        true => match refined(model, measured, &posterior, settings, simulator, (simulations, on_progress))? {
+            Ok(refined) => Some(refined),
+            Err(reason) => {
+                unrefined = Some(format!("the networks' posterior was not refined: {reason}"));
+                None
+            }
+        },
+    };
+    let is_refined = refined.is_some();
+    let (posterior, refinement, checked) = match refined {
+        Some(Refined { posterior, refinement, predictive }) => (posterior, Some(refinement), predictive),
+        None => {
             let mut tick = || match on_progress(&Progress::Working { iteration: number, simulations }) {
                 ControlFlow::Continue(()) => Ok(()),
                 ControlFlow::Break(()) => Err(InferenceError::Cancelled { simulations }),
             };
-            let predicted = predictions(&observed, &thetas, settings.seed, simulator, &mut tick)?;
-            Some(diagnostics::predictive(&predicted, &model.camera.view))
+            let checked = checked(&posterior, (model, &observed), settings, simulator, &mut tick).transpose()?;
+            (posterior, None, checked)
         }
     };
     let misfit = checked.as_ref().and_then(diagnostics::misfit);
@@ -145,14 +160,70 @@ pub fn infer(
     }
     let moves = support_moves(&iterations);
     warnings.extend(diagnostics::support_warnings(&moves));
-    warnings.extend(
-        diagnostics::edge_warnings(&narrow, settings.prior_support, &|name| simulator.range_of(name))
-            .map_err(failed)?,
-    );
-    let effective = iterations.last().map_or(0.0, |i| i.effective_sample_size);
-    warnings.extend(diagnostics::fit_warnings(mass_outside, effective, predictive.as_ref()));
+    let range_of = |name: &str| simulator.range_of(name);
+    // A refined mixture is mirrored at the edges, so that its mass beyond them says nothing.
+    let edges = if is_refined { Edges::Inside(&posterior) } else { Edges::Beyond(&narrow) };
+    warnings.extend(diagnostics::edge_warnings(edges, settings.prior_support, &range_of).map_err(failed)?);
+    // A refined posterior does not rest on the networks, nor on the number of their samples.
+    let networks = iterations.last().map(|i| (mass_outside, i.effective_sample_size)).filter(|_| !is_refined);
+    warnings.extend(diagnostics::fit_warnings(networks, predictive.as_ref()));
+    warnings.extend(unrefined);
+    let rmse_mm = predictive.as_ref().map(|p| p.rmse_mm);
+    warnings.extend(refinement.iter().flat_map(|refinement| refinement.warnings(rmse_mm)));
     warnings.extend(incomplete);
-    Ok(InferenceResult { posterior, marginals, widening, iterations, mass_outside, predictive, misfit, warnings })
+    Ok(InferenceResult {
+        posterior,
+        marginals,
+        widening,
+        iterations,
+        mass_outside,
+        refinement,
+        predictive,
+        misfit,
+        warnings,
+    })
+}
+
+/// Refined posterior, or the reason why there is none.
+///
+/// # Errors
+/// [`InferenceError`] if the caller cancels, or the simulator fails.
+fn refined(
+    model: &Model,
+    measured: &[MeasuredTrack],
+    networks: &Posterior,
+    settings: &Settings,
+    simulator: &dyn Simulator,
+    (simulations, on_progress): (usize, OnProgress<'_>),
+) -> Result<Result<Refined, String>, InferenceError> {
+    let mut on_share =
+        |share: f64, further: usize| on_progress(&Progress::Refining { share, simulations: simulations + further });
+    match refine(model, measured, networks, settings, simulator, &mut on_share) {
+        Ok(refined) => Ok(Ok(refined)),
+        Err(FitError::Cancelled) => Err(InferenceError::Cancelled { simulations }),
+        Err(FitError::Simulator(error)) => Err(error.into()),
+        Err(reason) => Ok(Err(reason.to_string())),
+    }
+}
+
+/// Posterior predictive check; none if no draws are requested. `tick` may stop it.
+fn checked(
+    posterior: &Posterior,
+    (model, observed): (&Model, &[Observed<'_>]),
+    settings: &Settings,
+    simulator: &dyn Simulator,
+    tick: &mut dyn FnMut() -> Result<(), InferenceError>,
+) -> Option<Result<Result<PredictiveCheck, Unchecked>, InferenceError>> {
+    if settings.predictive_draws == 0 {
+        return None;
+    }
+    let failed = |reason| InferenceError::Posterior { iteration: settings.iterations, reason };
+    let seed = seed::derive(settings.seed, PREDICTIVE_STREAM);
+    let predicted = posterior
+        .sample(settings.predictive_draws, seed)
+        .map_err(failed)
+        .and_then(|thetas| predictions(observed, &thetas, settings.seed, simulator, tick));
+    Some(predicted.map(|predicted| diagnostics::predictive(&predicted, &model.camera.view)))
 }
 
 fn support_moves(iterations: &[Iteration]) -> Vec<SupportMove> {

@@ -13,6 +13,7 @@ pub mod network;
 #[cfg(feature = "node")]
 pub mod node;
 mod prior_support;
+mod refinement;
 pub mod sequential;
 pub mod settings;
 mod unit_map;
@@ -23,5 +24,6 @@ pub use error::InferenceError;
 pub use fingerprint::fingerprint;
 pub use infer::{InferenceResult, infer};
 pub use prior_support::{PriorSupport, SupportRule};
+pub use refinement::{Fitted, Refinement};
 pub use settings::{Settings, SettingsError};
 pub use widening::Widening;

@@ -101,6 +101,9 @@ pub struct Settings {
     pub schedule: Schedule,
     /// Fidelity of the simulations.
     pub fidelity: Fidelity,
+    /// True to refine the networks' posterior with the simulator as the likelihood; false for the networks alone. A model
+    /// without keypoint noise has no likelihood and is not refined.
+    pub refine: bool,
     /// Number of posterior draws that are simulated for the posterior predictive check; 0 for no check.
     pub predictive_draws: usize,
     /// Seed of all random streams.
@@ -135,6 +138,7 @@ impl Default for Settings {
                 max_gradient_norm: 5.0,
             },
             fidelity: Fidelity::Standard,
+            refine: true,
             // With 199 draws and the measurement, p values are multiples of 0.5 %.
             predictive_draws: 199,
             seed: 0,
@@ -161,19 +165,29 @@ impl Settings {
                 averaged_steps: 1,
                 max_gradient_norm: 5.0,
             },
+            refine: false,
             ..Self::default()
         }
     }
 
-    /// Preset with the name `default` or `paper`.
+    /// Default networks without a refinement.
+    pub fn networks() -> Self {
+        Self { refine: false, ..Self::default() }
+    }
+
+    /// Preset with the name `default`, `networks` or `paper`.
     ///
     /// # Errors
     /// [`SettingsError`] for any other name.
     pub fn preset(name: &str) -> Result<Self, SettingsError> {
         match name {
             "default" => Ok(Self::default()),
+            "networks" => Ok(Self::networks()),
             "paper" => Ok(Self::paper()),
-            other => Err(SettingsError { field: "preset", expected: "default or paper".into(), got: other.to_owned() }),
+            other => {
+                let expected = "default, networks or paper".into();
+                Err(SettingsError { field: "preset", expected, got: other.to_owned() })
+            }
         }
     }
 
@@ -264,7 +278,7 @@ mod tests {
             settings.check().unwrap();
         }
         let other = Settings::preset("fast").unwrap_err().to_string();
-        assert_eq!(other, "settings: `preset`: expected default or paper, got fast");
+        assert_eq!(other, "settings: `preset`: expected default, networks or paper, got fast");
     }
 
     #[test]

@@ -25,6 +25,14 @@ const FAR_SPREADS: f64 = 3.0;
 /// Coverage of the nominal 90 % band below which the posterior may be a misfit.
 const NO_COVERAGE: f64 = 0.3;
 
+/// Posterior whose edges are looked at.
+pub enum Edges<'a> {
+    /// Posterior of networks: its mixture before the truncation tells how far it reaches beyond the edges.
+    Beyond(&'a Posterior),
+    /// Posterior of which nothing but the part inside of the support has a meaning.
+    Inside(&'a Posterior),
+}
+
 /// Warnings about edges of the prior on which the posterior presses: much of it lies near the edge, or the mixture before its
 /// truncation lies there by the rule that moves an adaptive support. `support` is the setting of the inference, and `range_of`
 /// returns the values of a parameter that the simulator accepts.
@@ -32,16 +40,20 @@ const NO_COVERAGE: f64 = 0.3;
 /// # Errors
 /// [`MixtureError`] if the posterior has no mass inside of the prior's support.
 pub fn edge_warnings(
-    posterior: &Posterior,
+    edges: Edges<'_>,
     support: PriorSupport,
     range_of: &dyn Fn(&str) -> Option<[f64; 2]>,
 ) -> Result<Vec<String>, MixtureError> {
+    let (Edges::Beyond(posterior) | Edges::Inside(posterior)) = edges;
     let inside = posterior.sample(DRAWS, 0)?;
     let mut rng = seed::rng(0, 1);
-    let all: Vec<Vec<f64>> = (0..DRAWS).map(|_| posterior.mixture.sample(&mut rng)).collect();
+    let all: Vec<Vec<f64>> = match edges {
+        Edges::Beyond(_) => (0..DRAWS).map(|_| posterior.mixture.sample(&mut rng)).collect(),
+        Edges::Inside(_) => Vec::new(),
+    };
     let mut warnings = Vec::new();
     for (i, p) in posterior.parameters.parameters().iter().enumerate() {
-        let pressed = pressed(all.iter().map(|u| u[i]));
+        let pressed = if all.is_empty() { None } else { pressed(all.iter().map(|u| u[i])) };
         let limits = range_of(&p.name);
         let (low, high) = p.prior.bounds();
         for (side, bound) in [(Side::Lower, low), (Side::Upper, high)] {
@@ -90,16 +102,19 @@ fn advice(support: PriorSupport, is_limit: bool, is_free: bool) -> &'static str 
     }
 }
 
-/// Warnings from the figures of an inference.
-pub fn fit_warnings(mass_outside: f64, effective_sample_size: f64, predictive: Option<&Predictive>) -> Vec<String> {
+/// Warnings from the figures of an inference. `networks` are the mass of the mixture outside of the support and the effective
+/// sample size of the weights, for a posterior that rests on networks.
+pub fn fit_warnings(networks: Option<(f64, f64)>, predictive: Option<&Predictive>) -> Vec<String> {
     let mut warnings = Vec::new();
-    if mass_outside > OUTSIDE {
-        warnings.push(format!("{:.0} % of the mixture lies outside the prior's support", 100.0 * mass_outside));
-    }
-    if effective_sample_size < FEW_SAMPLES {
-        warnings.push(format!(
-            "the simulations are worth only {effective_sample_size:.0} effective samples: more simulations are needed"
-        ));
+    if let Some((mass_outside, effective_sample_size)) = networks {
+        if mass_outside > OUTSIDE {
+            warnings.push(format!("{:.0} % of the mixture lies outside the prior's support", 100.0 * mass_outside));
+        }
+        if effective_sample_size < FEW_SAMPLES {
+            warnings.push(format!(
+                "the simulations are worth only {effective_sample_size:.0} effective samples: more simulations are needed"
+            ));
+        }
     }
     warnings.extend(predictive.filter(|p| p.is_in_doubt()).map(model_warning));
     if let Some(p) = predictive.filter(|p| p.rmse_mm > p.spread_mm) {
@@ -181,7 +196,7 @@ mod tests {
             let (mean, covariance) = (DVector::from_element(1, mean), DMatrix::from_element(1, 1, sd * sd));
             let mixture = Mixture::new(&[1.0], vec![mean], vec![covariance]).unwrap();
             let posterior = Posterior { parameters: space.clone(), mixture };
-            edge_warnings(&posterior, support, &|_| limits).unwrap()
+            edge_warnings(Edges::Beyond(&posterior), support, &|_| limits).unwrap()
         };
         let (fixed, wide) = (PriorSupport::Fixed, Some([0.0, 9.0]));
         assert_eq!(of(0.5, 0.02, fixed, wide), Vec::<String>::new());
@@ -252,9 +267,9 @@ mod tests {
     #[test]
     fn warnings_contain_their_numbers_and_the_worst_part() {
         let good = good();
-        assert!(fit_warnings(0.01, 500.0, Some(&good)).is_empty());
+        assert!(fit_warnings(Some((0.01, 500.0)), Some(&good)).is_empty());
         let bad = Predictive { coverage: 0.76, rmse_mm: 24.0, ..good.clone() };
-        let words = fit_warnings(0.8, 20.0, Some(&bad));
+        let words = fit_warnings(Some((0.8, 20.0)), Some(&bad));
         assert!(words.len() == 3, "{words:?}");
         for part in [
             "RMSE 24.0 mm, 76 % of the measured coordinates",
@@ -265,17 +280,17 @@ mod tests {
         }
         let second = Part { episode: 2, deviations: 4.0, ..good.parts[0].clone() };
         let parts = [good.parts.clone(), vec![second]].concat();
-        let words = fit_warnings(0.01, 500.0, Some(&Predictive { coverage: 0.7, parts, ..good.clone() }));
+        let words = fit_warnings(Some((0.01, 500.0)), Some(&Predictive { coverage: 0.7, parts, ..good.clone() }));
         assert!(words[0].contains("worst: recording 2, keypoint 4 from the grip"), "{words:?}");
         let foreign = Predictive { rmse_mm: 495.0, ..good };
-        let words = fit_warnings(0.01, 500.0, Some(&foreign));
+        let words = fit_warnings(Some((0.01, 500.0)), Some(&foreign));
         assert!(words.len() == 1 && words[0].contains("495.0 mm") && words[0].contains("100.0 mm"), "{words:?}");
     }
 
     #[test]
     fn a_p_value_is_in_doubt_at_its_limit_or_at_the_least_that_the_draws_can_show() {
         let of = |p_value: f64, draws: usize| {
-            fit_warnings(0.01, 500.0, Some(&Predictive { p_value, draws, ..good() })).join("; ")
+            fit_warnings(Some((0.01, 500.0)), Some(&Predictive { p_value, draws, ..good() })).join("; ")
         };
         assert_eq!(of(3.0 / 200.0, 199), "");
         assert!(of(2.0 / 200.0, 199).contains("p = 0.010"));

@@ -25,6 +25,13 @@ pub enum Progress<'a> {
         /// State of its training.
         epoch: Epoch,
     },
+    /// A step of the refinement is done. The caller may stop here.
+    Refining {
+        /// Share of the refinement that is done; it only grows, and nears 1.
+        share: f64,
+        /// Number of simulations so far, without those of the networks.
+        simulations: usize,
+    },
     /// An iteration ended.
     Iteration {
         /// Account of the iteration.

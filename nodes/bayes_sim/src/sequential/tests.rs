@@ -70,6 +70,7 @@ pub(crate) fn quick() -> Settings {
         hidden: vec![10],
         components: 2,
         ensemble: 2,
+        refine: false,
         schedule: crate::settings::Schedule { max_epochs: 4, ..Settings::default().schedule },
         ..Settings::default()
     }
@@ -132,7 +133,7 @@ fn an_iteration_accounts_for_what_it_did() {
         let (iteration, posterior) = sequential
             .step(&TOY, &mut |progress| {
                 match progress {
-                    Progress::Working { .. } => {}
+                    Progress::Working { .. } | Progress::Refining { .. } => {}
                     Progress::Epoch { iteration, .. } => epochs += usize::from(*iteration == number),
                     Progress::Iteration { iteration, of, posterior, .. } => {
                         told.push(((*iteration).clone(), *of, (*posterior).clone()));

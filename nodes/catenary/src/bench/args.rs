@@ -1,6 +1,6 @@
 //! Arguments of `bench`.
 
-use crate::options::{InferenceSizes, Output, Part, Preset};
+use crate::options::{Bags, InferencePreset, InferenceSizes, Output, Part};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -55,6 +55,8 @@ pub enum Benchmark {
     Support(SupportArgs),
     /// Networks with a set embedding against networks with a list of keypoints, on clean and corrupted tracks
     Networks(NetworksArgs),
+    /// Cost of points against a recording, for other optimisers and samplers: points on stdin, costs on stdout
+    Costs(CostsArgs),
     /// Posteriors against hidden truths, over seeds
     Inference {
         /// Number of hidden truths
@@ -92,6 +94,20 @@ pub struct PoliciesArgs {
     pub output: Output,
 }
 
+/// `catenary bench costs`.
+#[derive(Debug, Args)]
+pub struct CostsArgs {
+    /// Bags that hold the episode
+    #[command(flatten)]
+    pub bags: Bags,
+    /// Model (file or name)
+    #[arg(long)]
+    pub model: PathBuf,
+    /// inference.json of an `infer`; the discretisation error is taken out at its best fit, as there
+    #[arg(long)]
+    pub corrected_at: Option<PathBuf>,
+}
+
 /// `catenary bench calibration`.
 #[derive(Debug, Args)]
 pub struct CalibrationArgs {
@@ -109,7 +125,7 @@ pub struct CalibrationArgs {
     pub also: Vec<String>,
     /// Sizes of the network and the schedule
     #[arg(long, value_enum, default_value = "default")]
-    pub preset: Preset,
+    pub preset: InferencePreset,
     /// Part I of N of the truths, as I/N, for several machines with one folder; without it, what is missing is made, and the report
     #[arg(long, value_name = "I/N")]
     pub part: Option<Part>,

@@ -4,6 +4,7 @@
 pub mod args;
 mod calibration;
 mod corruption;
+mod costs;
 mod cpu_time;
 mod episodes;
 mod fidelity;
@@ -29,6 +30,7 @@ pub fn run(arguments: &BenchArgs) -> Result<()> {
         Benchmark::Fidelity(arguments) => fidelity::run(arguments),
         Benchmark::Calibration(arguments) => calibration::run(arguments),
         Benchmark::Support(arguments) => support::run(arguments),
+        Benchmark::Costs(arguments) => costs::run(arguments),
         Benchmark::Networks(arguments) => networks::run(arguments),
         Benchmark::Inference { seeds, output } => inference::run(*seeds, output),
     }

@@ -2,7 +2,7 @@
 
 use super::args::InferArgs;
 use super::page::{Contents, page};
-use super::words::{iteration_words, marginal_words, predictive_words, time_words, widening_words};
+use super::words::{iteration_words, marginal_words, predictive_words, refinement_words, time_words, widening_words};
 use crate::exit::{Interrupted, Misfit};
 use crate::inputs::policy_file;
 use crate::inputs::posterior_file::PosteriorFile;
@@ -16,6 +16,7 @@ use bayes_sim::sequential::Progress;
 use bayes_sim::{InferenceError, InferenceResult, Settings};
 use catenary_bag::read_measured;
 use catenary_core::episode::MeasuredTrack;
+use catenary_core::simulator::Until;
 use catenary_core::{Model, Policy, SimulationRequest, Simulator, SimulatorError, Track};
 use catenary_shell::{Shutdown, files};
 use catenary_simulator::{BeamSimulator, workers};
@@ -61,6 +62,13 @@ impl Simulator for Timed<'_> {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
         let started = Instant::now();
         let tracks = self.simulator.simulate(request);
+        *self.spent.lock().unwrap_or_else(PoisonError::into_inner) += started.elapsed();
+        tracks
+    }
+
+    fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
+        let started = Instant::now();
+        let tracks = self.simulator.simulate_until(request, until);
         *self.spent.lock().unwrap_or_else(PoisonError::into_inner) += started.elapsed();
         tracks
     }
@@ -132,8 +140,10 @@ pub fn infer(
     let simulator = Timed { simulator: &simulator, spent: Mutex::default() };
     // Iterations of an earlier process count as done.
     let made = state.as_ref().map_or(0, |state| state.iterations().len());
-    let share = |iteration: usize| progress::share(iteration as f64, settings.iterations as f64);
-    let bar = progress::bar("inference", share(made))?;
+    // A refinement takes about as long as half of the iterations.
+    let of = settings.iterations as f64 * if settings.refine { 1.5 } else { 1.0 };
+    let share = |iterations: f64| progress::share(iterations, of);
+    let bar = progress::bar("inference", share(made as f64))?;
     if let (true, Some(file)) = (state.is_some(), file) {
         let (of, path) = (settings.iterations, file.path().display());
         output::tell(&format!("resumes after {made} of {of} iterations, from {path}"));
@@ -143,10 +153,14 @@ pub fn infer(
         match progress {
             Progress::Working { simulations, .. } => bar.set_message(format!("{simulations} simulations")),
             Progress::Epoch { .. } => {}
+            Progress::Refining { share: done, simulations } => {
+                progress::advance(&bar, share(settings.iterations as f64 * (1.0 + 0.5 * done)));
+                bar.set_message(format!("refines the posterior, {simulations} simulations"));
+            }
             Progress::Iteration { iteration, state, .. } => {
                 file.iter().for_each(|file| file.write(state));
                 kept = iteration.iteration;
-                progress::advance(&bar, share(iteration.iteration));
+                progress::advance(&bar, share(iteration.iteration as f64));
                 let effective = iteration.effective_sample_size;
                 bar.set_message(iteration_words(iteration.simulations, iteration.loss, effective));
             }
@@ -194,6 +208,7 @@ fn html(report: &Report, fits: &[RecordedFit]) -> Result<String> {
         warnings: &result.warnings,
         losses: result.losses(),
         simulations: result.simulations(),
+        refinement: result.refinement.as_ref(),
         fits,
     })
 }
@@ -201,10 +216,14 @@ fn html(report: &Report, fits: &[RecordedFit]) -> Result<String> {
 fn words(report: &Report, folder: &Path) -> String {
     let mut lines: Vec<String> = report.result.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
     lines.extend(marginal_words(&report.result.marginals));
-    lines.push(widening_words(&report.result.widening, &report.result.marginals));
+    lines.push(match &report.result.refinement {
+        Some(refinement) => refinement_words(refinement, &report.result.marginals),
+        None => widening_words(&report.result.widening, &report.result.marginals),
+    });
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
-    lines.push(time_words(report.result.simulations(), report.wall_s, report.simulation_s));
+    let refined = report.result.refinement.as_ref().map_or(0, |refinement| refinement.simulations);
+    lines.push(time_words(report.result.simulations() + refined, report.wall_s, report.simulation_s));
     lines.push(format!("report: {}", folder.join("report.html").display()));
     lines.join("\n")
 }

@@ -109,6 +109,7 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         warnings: &inferred.warnings,
         losses: inferred.losses.clone(),
         simulations: inferred.simulations as usize,
+        refinement: None,
         fits: &fits,
     })?;
     catenary_shell::files::write(&report, page)?;

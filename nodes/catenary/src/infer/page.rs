@@ -5,8 +5,8 @@ use crate::report::plots::Series;
 use crate::report::quantity::Quantity;
 use crate::report::{Page, RecordedFit, plots, posterior};
 use anyhow::Result;
-use bayes_sim::Predictive;
 use bayes_sim::diagnostics::Part;
+use bayes_sim::{Predictive, Refinement};
 use catenary_core::Posterior;
 use catenary_core::posterior::Marginal;
 use std::path::PathBuf;
@@ -38,6 +38,8 @@ pub struct Contents<'a> {
     pub losses: Vec<f64>,
     /// Total number of simulations.
     pub simulations: usize,
+    /// Refinement of the networks' posterior; none if there was none, or nothing is known of it.
+    pub refinement: Option<&'a Refinement>,
     /// Recordings with the model's keypoints at the medians; empty if there are none.
     pub fits: &'a [RecordedFit],
 }
@@ -66,6 +68,7 @@ pub fn page(inferred: &Contents<'_>) -> Result<String> {
     }
     page.heading("Inference");
     page.paragraph(&format!("{} simulations.", plain(inferred.simulations as f64, 0)));
+    inferred.refinement.iter().for_each(|refinement| page.paragraph(&refined(refinement)));
     page.paragraph(&inferred.predictive.map_or_else(str::to_owned, predicted));
     if let Ok(p) = inferred.predictive {
         page.table(&PARTS, &parts(p));
@@ -168,6 +171,23 @@ fn untold(inferred: &Contents<'_>) -> Option<String> {
     })
 }
 
+/// Refinement in words.
+fn refined(refinement: &Refinement) -> String {
+    let best = millimetres(refinement.best_fit_rmse_mm);
+    let networks = refinement.networks_rmse_mm.map_or_else(String::new, |rmse_mm| {
+        format!(", where the posterior of the networks alone is {} mm off", millimetres(rmse_mm))
+    });
+    let minima = match refinement.modes {
+        1 => "One minimum of the cost has the whole posterior".to_owned(),
+        several => format!("{several} minima of the cost share the posterior"),
+    };
+    format!(
+        "The posterior was refined with the simulator itself, in {} further simulations: the best fit is {best} mm off the \
+         recording{networks}. {minima}.",
+        plain(refinement.simulations as f64, 0)
+    )
+}
+
 /// Posterior predictive check in words.
 fn predicted(p: &Predictive) -> String {
     format!(
@@ -227,6 +247,7 @@ mod tests {
             warnings: &["doubtful".into()],
             losses: vec![3.0, 2.0],
             simulations: 12_000,
+            refinement: None,
             fits: &[],
         });
         check(&page.unwrap());

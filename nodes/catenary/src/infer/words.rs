@@ -1,7 +1,7 @@
 //! Lines of an inference for the terminal.
 
 use crate::report::number::figures;
-use bayes_sim::{Predictive, Widening};
+use bayes_sim::{Predictive, Refinement, Widening};
 use catenary_core::posterior::Marginal;
 use std::fmt::Display;
 
@@ -13,6 +13,19 @@ pub fn predictive_words(p: &Predictive) -> String {
         100.0 * p.coverage,
         p.half_width_mm,
         p.p_value
+    )
+}
+
+/// Refinement in a line: what the networks alone knew, and how near the model comes to the recording.
+pub fn refinement_words(refinement: &Refinement, marginals: &[Marginal]) -> String {
+    let narrower = |(m, before): (&Marginal, &f64)| format!("{} to {:.0} %", m.name, 100.0 * (m.q95 - m.q05) / before);
+    let networks = refinement
+        .networks_rmse_mm
+        .map_or_else(String::new, |rmse_mm| format!("; the networks' posterior is {rmse_mm:.1} mm off"));
+    format!(
+        "refined with the simulator: the best fit is {:.1} mm off (rms){networks}; widths of the 90 % intervals, in shares of the networks': {}",
+        refinement.best_fit_rmse_mm,
+        marginals.iter().zip(&refinement.networks_width).map(narrower).collect::<Vec<_>>().join(", ")
     )
 }
 

@@ -24,7 +24,7 @@ pub use on_graph::OnGraph;
 pub use output::Output;
 pub use parameter_value::parameter_value;
 pub use part::Part;
-pub use preset::{Preset, TrainingPreset};
+pub use preset::{InferencePreset, Preset, TrainingPreset};
 pub use prior_support::PriorSupportName;
 pub use report_page::ReportPage;
 pub use start_moving::StartMovingOption;

@@ -1,9 +1,9 @@
-//! Option `--preset`.
+//! Options `--preset`.
 
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-/// Preset sizes of inference.
+/// Preset sizes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Preset {
@@ -21,12 +21,35 @@ impl Preset {
             Preset::Paper => "paper",
         }
     }
+}
+
+/// Preset of an inference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum InferencePreset {
+    /// Networks, refined with the simulator as the likelihood
+    Default,
+    /// The same networks without the refinement
+    Networks,
+    /// Sizes of the paper: one network, without a refinement
+    Paper,
+}
+
+impl InferencePreset {
+    /// Name of the preset in goals and settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            InferencePreset::Default => "default",
+            InferencePreset::Networks => "networks",
+            InferencePreset::Paper => "paper",
+        }
+    }
 
     /// Settings of the inference with these sizes.
-    pub fn inference(self) -> bayes_sim::Settings {
+    pub fn settings(self) -> bayes_sim::Settings {
         match self {
-            Preset::Default => bayes_sim::Settings::default(),
-            Preset::Paper => bayes_sim::Settings::paper(),
+            InferencePreset::Default => bayes_sim::Settings::default(),
+            InferencePreset::Networks => bayes_sim::Settings::networks(),
+            InferencePreset::Paper => bayes_sim::Settings::paper(),
         }
     }
 }

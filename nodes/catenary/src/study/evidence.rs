@@ -22,7 +22,12 @@ pub struct Evidence {
 impl Evidence {
     /// Settings of an inference from it.
     pub fn settings(&self) -> bayes_sim::Settings {
-        bayes_sim::Settings { iterations: self.rounds, simulations: self.simulations, ..bayes_sim::Settings::default() }
+        // The number of simulations is the evidence that is compared, so that no refinement adds others.
+        bayes_sim::Settings {
+            iterations: self.rounds,
+            simulations: self.simulations,
+            ..bayes_sim::Settings::networks()
+        }
     }
 
     /// Words for it.

@@ -72,7 +72,7 @@ struct PartDone {
 /// Runs the inferences that checks.jsonl does not hold yet, then writes the report.
 pub fn run(arguments: &CalibrationArgs) -> Result<()> {
     let model = with_inferred_effects(model_file::read_or_soft_bar(arguments.model.as_deref())?, &arguments.also)?;
-    let settings = arguments.preset.inference();
+    let settings = arguments.preset.settings();
     output::prepare(&arguments.out.join("report.html"))?;
     let dimension = model.theta.dimension();
     let of_this_model = |line: &Line| {

@@ -82,7 +82,7 @@ pub fn all(arguments: &SupportArgs) -> Result<Vec<Case>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::{InferenceSizes, Output, Preset};
+    use crate::options::{InferencePreset, InferenceSizes, Output};
 
     #[test]
     fn a_truth_lies_as_far_from_its_stated_support_as_it_should() {
@@ -91,7 +91,7 @@ mod tests {
             motions: 1,
             out: "unused".into(),
             model: None,
-            sizes: InferenceSizes { preset: Preset::Default, iterations: None, simulations: None },
+            sizes: InferenceSizes { preset: InferencePreset::Default, iterations: None, simulations: None },
             output: Output { json: false },
         };
         let cases = all(&arguments).unwrap();

@@ -55,7 +55,8 @@ fn infer_case(
 ) -> Result<Line> {
     let own = seed::derive(case.seed, 3);
     let measured = hidden_episode(&case.model, &case.truth, case.seed, settings.fidelity)?;
-    let settings = Settings { seed: own, prior_support, ..settings.clone() };
+    // The rules move the support by the networks' posterior.
+    let settings = Settings { seed: own, prior_support, refine: false, ..settings.clone() };
     let started = Instant::now();
     let Inferred { result, .. } = infer_on_one_core(&case.model, measured, &settings, number as u64, shutdown)?;
     let (stated, used) = (case.model.theta.parameters(), result.posterior.parameters.parameters());

@@ -1,0 +1,432 @@
+//! Refinement of a posterior: the networks' posterior gives the starts, and the simulator itself is the likelihood.
+//!
+//! A network that was trained on some thousand simulations knows where the posterior is, and not how sharp it is. The
+//! refinement fits the model from draws of the networks and of the prior, and draws from the exact posterior of the
+//! parameters and of what the model draws for each episode (`track_fit::sampling`). Its likelihood is that of the model
+//! file: independent Gaussian noise of `camera.keypoint_noise_px` on each keypoint coordinate.
+
+use crate::diagnostics::{self, PredictiveCheck, Unchecked};
+use crate::settings::Settings;
+use catenary_core::episode::MeasuredTrack;
+use catenary_core::simulator::Until;
+use catenary_core::{Fidelity, Model, Posterior, SimulationRequest, Simulator, SimulatorError, Track, seed};
+use serde::{Deserialize, Serialize};
+use std::cell::Cell;
+use std::ops::ControlFlow;
+use track_fit::data::{MeasuredEpisode, Offset, Scope, Unknowns, rmse_mm};
+use track_fit::fitting::{FidelityCorrection, Fit, OnRound, Problem, Start, corrected_fit, modes, noise_inflation};
+use track_fit::sampling::{Budget, Draws, draws, gaussians_of};
+use track_fit::{Differences, FitError};
+
+/// Random stream of the refinement, beyond those of the iterations and of the predictive check.
+const STREAM: u64 = 104;
+/// Draws of the networks' posterior among which fits start.
+const FROM_NETWORKS: usize = 64;
+/// Draws of the priors, and of the neighbourhood of the networks' draws, among which fits start.
+const FROM_PRIORS: usize = 128;
+/// Fits.
+const STARTS: usize = 8;
+/// Rounds of a fit.
+const ROUNDS: usize = 40;
+/// Change of a mean over the last block of moves, in standard deviations, above which the draws have not settled.
+const UNSETTLED: f64 = 0.5;
+/// Share of accepted moves under which the draws have hardly moved.
+const STUCK: f64 = 0.02;
+/// Distance of the posterior's mean prediction beyond that of the best fit, as a share of it, that is worth a warning.
+const WORSE: f64 = 0.5;
+/// Number of simulations at which a refinement is shown as half done; its number is not known beforehand.
+const HALF_DONE: f64 = 4_000.0;
+
+/// Value of an unknown at the best fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fitted {
+    /// Name of the parameter or the effect.
+    pub name: String,
+    /// Number of the episode, from 1, of a value that is drawn for each episode; none for a parameter.
+    pub episode: Option<usize>,
+    /// Value in the unit of its name.
+    pub value: f64,
+}
+
+/// Account of a refinement.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Refinement {
+    /// Best fit: the parameters, then what the model draws for each episode.
+    pub best_fit: Vec<Fitted>,
+    /// Root mean square distance of the best fit's keypoints from the measured ones, mm.
+    pub best_fit_rmse_mm: f64,
+    /// Mean squared residual of the best fit in variances of the stated noise; about 1 if the model and its noise are right.
+    pub best_fit_residual: f64,
+    /// Variance of the likelihood's noise in variances of the stated noise: 1, or that of the best fit's residuals if they leave
+    /// more than the stated noise.
+    pub noise_inflation: f64,
+    /// Root mean square distance of the mean prediction of the networks' posterior, mm; none if it could not be simulated.
+    pub networks_rmse_mm: Option<f64>,
+    /// Width of the 90 % interval of the networks' posterior, by parameter (D), in the parameter's unit.
+    pub networks_width: Vec<f64>,
+    /// Number of minima that share the posterior.
+    pub modes: usize,
+    /// True if the simulations carry a correction of their discretisation error.
+    pub is_corrected: bool,
+    /// Effective sample size of the importance sampling.
+    pub effective_sample_size: f64,
+    /// Share of the walkers' moves that were accepted.
+    pub acceptance: f64,
+    /// Greatest change of a coordinate's mean over the last block of moves, in its standard deviations.
+    pub drift: f64,
+    /// Number of simulations of an episode.
+    pub simulations: usize,
+}
+
+impl Refinement {
+    /// Reasons to doubt the refined posterior; none if it settled. `rmse_mm` is that of its mean prediction.
+    pub fn warnings(&self, rmse_mm: Option<f64>) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.drift > UNSETTLED || self.acceptance < STUCK {
+            warnings.push(format!(
+                "the refinement of the posterior did not settle: a mean still moved by {:.1} standard deviations in the last block of moves, of which {:.0} % were accepted; its intervals may be wrong",
+                self.drift,
+                100.0 * self.acceptance
+            ));
+        }
+        if self.noise_inflation > 1.0 {
+            warnings.push(format!(
+                "the best fit leaves {:.1} times the noise that the model file states (camera.keypoint_noise_px): the intervals are those of this noise; find-effects may tell what the model lacks",
+                self.noise_inflation.sqrt()
+            ));
+        }
+        let best_mm = self.best_fit_rmse_mm;
+        if let Some(rmse_mm) = rmse_mm.filter(|rmse_mm| *rmse_mm > (1.0 + WORSE) * best_mm) {
+            warnings.push(format!(
+                "the model can follow the recording to {best_mm:.1} mm, and the mean prediction of this posterior is {rmse_mm:.1} mm off: the posterior is wider than the best fit deserves, or misses it"
+            ));
+        }
+        warnings
+    }
+}
+
+/// Refined posterior.
+pub struct Refined {
+    /// Posterior over the parameters.
+    pub posterior: Posterior,
+    /// Account.
+    pub refinement: Refinement,
+    /// Posterior predictive check; none if no draws were requested.
+    pub predictive: Option<Result<PredictiveCheck, Unchecked>>,
+}
+
+/// Refines the posterior `networks` of `model` from the episodes `measured`. `on_share` hears the share that is done, and
+/// may stop the refinement.
+///
+/// # Errors
+/// [`FitError`]: the model states no noise, no start can be simulated, or `on_share` breaks.
+pub fn refine(
+    model: &Model,
+    measured: &[MeasuredTrack],
+    networks: &Posterior,
+    settings: &Settings,
+    simulator: &dyn Simulator,
+    on_share: &mut dyn FnMut(f64, usize) -> ControlFlow<()>,
+) -> Result<Refined, FitError> {
+    // The support of the networks' posterior may have moved.
+    let model = Model { theta: networks.parameters.clone(), ..model.clone() };
+    let seed = seed::derive(settings.seed, STREAM);
+    let of_fits = track_fit::Settings {
+        draws: FROM_PRIORS,
+        starts: STARTS,
+        fidelity: settings.fidelity,
+        fallback_fidelity: None,
+        finer_fidelity: (settings.fidelity != Fidelity::Reference).then_some(Fidelity::Reference),
+        seed,
+    };
+    let episodes = measured.iter().map(|m| MeasuredEpisode::new(&model, m, &of_fits)).collect::<Result<Vec<_>, _>>()?;
+    let unknowns = Unknowns::of(&model, episodes.len());
+    let counted = Counted { simulator, episodes: Cell::new(0) };
+    let differences = Differences::new(&counted, &unknowns);
+    let problem = Problem::of(&model, &episodes, &differences, ROUNDS);
+    let mut on_round = || {
+        let count = counted.episodes.get();
+        on_share(count as f64 / (count as f64 + HALF_DONE), count)
+    };
+    let outside = |reason| FitError::NoFit(format!("the networks' posterior: {reason}"));
+    let thetas = networks.sample(FROM_NETWORKS, seed).map_err(outside)?;
+    let known: Vec<Vec<f64>> = thetas.iter().map(|theta| point_of(&problem, theta)).collect();
+    let networks_rmse_mm = mean_rmse_mm(&problem, &known, &model);
+    let modes = modes(&problem, known, &of_fits, &mut on_round)?;
+    let (corrected, modes, is_corrected) = corrected(&problem, modes, of_fits.finer_fidelity, &mut on_round)?;
+    let problem = Problem { episodes: &corrected, unknowns: problem.unknowns.clone(), ..problem };
+    let drawn = draws(&problem, &modes, Budget::default(), seed, &mut on_round)?;
+    let posterior = posterior_of(&problem, &drawn, networks, seed)?;
+    let predictive = (settings.predictive_draws > 0)
+        .then(|| predictive(&problem, &drawn.points, settings.predictive_draws, measured, &model, seed));
+    let best = &modes[0];
+    let width = |p: &Posterior| p.marginals().map(|all| all.iter().map(|m| m.q95 - m.q05).collect::<Vec<f64>>());
+    let offsets: Vec<_> =
+        corrected.iter().zip(&best.tracks).flat_map(|(e, track)| e.offsets_mm(track, &model.camera.view)).collect();
+    let refinement = Refinement {
+        best_fit: fitted(&problem, &best.point),
+        best_fit_rmse_mm: rmse_mm(offsets.iter()),
+        best_fit_residual: best.cost / best.residuals.len() as f64,
+        noise_inflation: noise_inflation(best),
+        networks_rmse_mm,
+        networks_width: width(networks).map_err(outside)?,
+        modes: modes.len(),
+        is_corrected,
+        effective_sample_size: drawn.effective,
+        acceptance: drawn.acceptance,
+        drift: drawn.drift,
+        simulations: counted.episodes.get(),
+    };
+    Ok(Refined { posterior, refinement, predictive })
+}
+
+/// Simulator that counts its episodes.
+struct Counted<'a> {
+    simulator: &'a dyn Simulator,
+    episodes: Cell<usize>,
+}
+
+impl Simulator for Counted<'_> {
+    fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+        self.episodes.set(self.episodes.get() + request.thetas.len());
+        self.simulator.simulate(request)
+    }
+
+    fn simulate_until(&self, request: &SimulationRequest, until: Until<'_>) -> Result<Vec<Track>, SimulatorError> {
+        self.episodes.set(self.episodes.get() + request.thetas.len());
+        self.simulator.simulate_until(request, until)
+    }
+
+    fn range_of(&self, name: &str) -> Option<[f64; 2]> {
+        self.simulator.range_of(name)
+    }
+}
+
+/// Values of all unknowns at a point.
+fn fitted(problem: &Problem<'_>, point: &[f64]) -> Vec<Fitted> {
+    let unknowns = &problem.unknowns;
+    let mut all = Vec::new();
+    for (i, unknown) in unknowns.list().iter().enumerate() {
+        let is_shared = unknown.scope == Scope::Shared;
+        for episode in 0..if is_shared { 1 } else { problem.episodes.len() } {
+            all.push(Fitted {
+                name: unknown.name.clone(),
+                episode: (!is_shared).then_some(episode + 1),
+                value: unknown.prior.from_unit(point[unknowns.column(i, episode)]),
+            });
+        }
+    }
+    all
+}
+
+/// Point with these parameters, and what is drawn for each episode at the middle of its prior.
+fn point_of(problem: &Problem<'_>, theta: &[f64]) -> Vec<f64> {
+    let unknowns = &problem.unknowns;
+    let mut point = vec![0.5; unknowns.columns()];
+    for (i, (value, unknown)) in theta.iter().zip(unknowns.list()).enumerate() {
+        point[unknowns.column(i, 0)] = unknown.prior.to_unit(*value).clamp(0.0, 1.0);
+    }
+    point
+}
+
+/// Root mean square distance of the mean of the tracks at these points from the measured ones, mm; none if no point can be
+/// simulated to the end.
+fn mean_rmse_mm(problem: &Problem<'_>, points: &[Vec<f64>], model: &Model) -> Option<f64> {
+    let whole = |tracks: &Vec<Track>| {
+        tracks.iter().zip(problem.episodes).all(|(t, e)| t.frames.len() == e.measured.frames.len())
+    };
+    let sets: Vec<Vec<Track>> = problem.tracks_each(points).into_iter().flatten().filter(whole).collect();
+    let count = sets.len() as f64;
+    let mut all = Vec::new();
+    for (i, episode) in problem.episodes.iter().enumerate() {
+        let offsets = sets.iter().map(|set| episode.offsets_mm(&set[i], &model.camera.view));
+        let sum = offsets.reduce(|sum, new| sum.into_iter().zip(new).map(|(a, b)| added(a, b)).collect())?;
+        all.extend(sum.into_iter().map(|offset| offset.map(|o| o.map(|v| v / count))));
+    }
+    Some(rmse_mm(all.iter()))
+}
+
+/// Sum of two offsets of a frame.
+fn added(a: Offset, b: Offset) -> Offset {
+    a.zip(b).map(|(a, b)| std::array::from_fn(|i| a[i] + b[i]))
+}
+
+/// Episodes and modes with the discretisation error at the best mode taken out, and true if it could be. The correction
+/// serves all modes: it changes little between them.
+fn corrected(
+    problem: &Problem<'_>,
+    modes: Vec<Fit>,
+    finer: Option<Fidelity>,
+    on_round: OnRound<'_>,
+) -> Result<(Vec<MeasuredEpisode>, Vec<Fit>, bool), FitError> {
+    let uncorrected = |modes| (problem.episodes.to_vec(), modes, false);
+    let Some(finer) = finer else { return Ok(uncorrected(modes)) };
+    let best = corrected_fit(problem, modes[0].clone(), finer, on_round)?;
+    if best.correction != FidelityCorrection::Applied {
+        return Ok(uncorrected(modes));
+    }
+    let own = Problem { episodes: &best.episodes, unknowns: problem.unknowns.clone(), ..*problem };
+    let start = |fit: &Fit| Start { point: fit.point.clone(), tracks: own.measured() };
+    let mut all = vec![best.fit];
+    if modes.len() > 1 {
+        all.extend(own.fit(modes[1..].iter().map(start).collect(), on_round)?.into_iter().flatten());
+        all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    }
+    Ok((best.episodes, all, true))
+}
+
+/// Posterior over the parameters: a mixture of Gaussians for the draws.
+fn posterior_of(problem: &Problem<'_>, drawn: &Draws, networks: &Posterior, seed: u64) -> Result<Posterior, FitError> {
+    let parameters = networks.parameters.clone();
+    let unit = |point: &Vec<f64>| {
+        let values = problem.unknowns.values(point, 0);
+        parameters.to_unit(&values[..parameters.dimension()]).iter().map(|u| u.clamp(0.0, 1.0)).collect()
+    };
+    let units: Vec<Vec<f64>> = drawn.points.iter().map(unit).collect();
+    let none = || FitError::NoFit("the draws have no mixture of Gaussians".into());
+    let mixture = gaussians_of(&units, seed).ok_or_else(none)?;
+    Posterior::new(parameters, mixture).map_err(|reason| FitError::NoFit(reason.to_string()))
+}
+
+/// Posterior predictive check by `count` of the draws: their tracks with noise, each with what was drawn for its episodes.
+fn predictive(
+    problem: &Problem<'_>,
+    draws: &[Vec<f64>],
+    count: usize,
+    measured: &[MeasuredTrack],
+    model: &Model,
+    seed: u64,
+) -> Result<PredictiveCheck, Unchecked> {
+    let some: Vec<Vec<f64>> = (0..count).map(|i| draws[i * draws.len() / count].clone()).collect();
+    let mut rng = seed::rng(seed, 1);
+    let mut episodes: Vec<(&Track, Vec<Track>)> = measured.iter().map(|m| (&m.track, Vec::new())).collect();
+    for tracks in problem.tracks_each(&some).into_iter().flatten() {
+        for ((place, episode), track) in episodes.iter_mut().zip(problem.episodes).zip(&tracks) {
+            place.1.push(episode.measure(track, &mut rng));
+        }
+    }
+    diagnostics::predictive(&episodes, &model.camera.view)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use catenary_core::Prior;
+    use track_fit::toy::twisted::Mirrored;
+    use track_fit::toy::{self, Toy};
+
+    const TRUTH: [f64; 2] = [0.265, 2e4];
+
+    fn settings() -> Settings {
+        Settings { predictive_draws: 50, ..Settings::default() }
+    }
+
+    /// Model whose lengths the toy accepts.
+    fn model() -> Model {
+        let mut model = toy::model();
+        let mut parameters = model.theta.parameters().to_vec();
+        parameters[0].prior = Prior::Uniform { low: 0.21, high: 0.29 };
+        model.theta = catenary_core::ParameterSpace::new(parameters).unwrap();
+        model
+    }
+
+    fn noisy(toy: &Toy, seed: u64) -> MeasuredTrack {
+        let track = toy::episode(toy, TRUTH, &[]).measured_anew(&mut seed::rng(seed, 0)).measured;
+        MeasuredTrack { track, ..toy::measured(toy, TRUTH, &[]) }
+    }
+
+    fn refined(model: &Model, simulator: &dyn Simulator, measured: &MeasuredTrack) -> Result<Refined, FitError> {
+        let networks = Posterior::prior(model.theta.clone());
+        let measured = std::slice::from_ref(measured);
+        refine(model, measured, &networks, &settings(), simulator, &mut |_, _| ControlFlow::Continue(()))
+    }
+
+    /// Mean and standard deviation of each parameter's unit coordinate, by a grid.
+    fn exact(model: &Model, simulator: &Toy, measured: &MeasuredTrack) -> [[f64; 2]; 2] {
+        let of_fits = track_fit::Settings { fidelity: Fidelity::Standard, ..track_fit::Settings::default() };
+        let episodes = [MeasuredEpisode::new(model, measured, &of_fits).unwrap()];
+        let problem = Problem::of(model, &episodes, simulator, 1);
+        let at = |i: u32| (f64::from(i) + 0.5) / 200.0;
+        let grid: Vec<Vec<f64>> = (0..200).flat_map(|i| (0..200).map(move |j| vec![at(i), at(j)])).collect();
+        let costs = problem.costs(&grid, &problem.measured());
+        let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+        let weights: Vec<f64> = costs.iter().map(|c| (-0.5 * (c - least)).exp()).collect();
+        let total: f64 = weights.iter().sum();
+        [0, 1].map(|i| {
+            let mean: f64 = grid.iter().zip(&weights).map(|(u, w)| u[i] * w / total).sum();
+            let square: f64 = grid.iter().zip(&weights).map(|(u, w)| (u[i] - mean).powi(2) * w / total).sum();
+            [mean, square.sqrt()]
+        })
+    }
+
+    #[test]
+    fn a_refined_posterior_is_the_exact_one() {
+        let (toy, model) = (Toy { gain: 0.1 }, model());
+        for seed in 0..3 {
+            let measured = noisy(&toy, seed);
+            let Refined { posterior, refinement, predictive } = refined(&model, &toy, &measured).unwrap();
+            let draws = posterior.sample(2000, 1).unwrap();
+            for (i, [mean, sd]) in exact(&model, &toy, &measured).into_iter().enumerate() {
+                let units: Vec<f64> = draws.iter().map(|theta| model.theta.to_unit(theta)[i]).collect();
+                let own = units.iter().sum::<f64>() / 2000.0;
+                let spread = (units.iter().map(|u| (u - own).powi(2)).sum::<f64>() / 2000.0).sqrt();
+                // 256 walkers: a mean scatters by 0.06 standard deviations, and a standard deviation by 5 %.
+                assert!(
+                    (own - mean).abs() < 0.25 * sd && (spread / sd - 1.0).abs() < 0.2,
+                    "{seed} {i}: {own} {mean}, {spread} {sd}"
+                );
+            }
+            assert_eq!((refinement.modes, refinement.noise_inflation, refinement.best_fit.len()), (1, 1.0, 2));
+            assert!((refinement.best_fit[0].value - TRUTH[0]).abs() < 0.01, "{:?}", refinement.best_fit);
+            assert!((0.6..1.4).contains(&refinement.best_fit_residual), "{}", refinement.best_fit_residual);
+            let check = predictive.unwrap().unwrap().figures;
+            assert!(!check.is_in_doubt() && refinement.warnings(Some(check.rmse_mm)).is_empty(), "{check:?}");
+        }
+    }
+
+    #[test]
+    fn two_lengths_that_look_alike_both_stay() {
+        let (toy, model) = (Toy { gain: 0.3 }, model());
+        let mirrored = Mirrored { toy: Toy { gain: 0.3 }, at: 0.25 };
+        let Refined { posterior, refinement, .. } = refined(&model, &mirrored, &noisy(&toy, 4)).unwrap();
+        let draws = posterior.sample(1000, 1).unwrap();
+        let short = draws.iter().filter(|theta| theta[0] < 0.25).count();
+        assert!(refinement.modes == 2 && (350..650).contains(&short), "{short} of 1000 in {} modes", refinement.modes);
+    }
+
+    #[test]
+    fn noise_that_contradicts_the_recording_is_overruled() {
+        let (toy, mut model) = (Toy { gain: 0.1 }, model());
+        let measured = noisy(&toy, 5);
+        let width = |model: &Model| {
+            let Refined { posterior, refinement, .. } = refined(model, &toy, &measured).unwrap();
+            let length = &posterior.marginals().unwrap()[0];
+            (length.q95 - length.q05, refinement)
+        };
+        let (right, _) = width(&model);
+        model.camera.keypoint_noise_px /= 4.0;
+        let (stated_too_low, refinement) = width(&model);
+        assert!((refinement.noise_inflation / 16.0 - 1.0).abs() < 0.3, "{}", refinement.noise_inflation);
+        assert!((stated_too_low / right - 1.0).abs() < 0.2, "{stated_too_low} {right}");
+        assert!(refinement.warnings(None)[0].contains("times the noise that the model file states"));
+    }
+
+    #[test]
+    fn a_model_without_noise_has_no_likelihood_and_a_refinement_can_be_cancelled() {
+        let (toy, mut model) = (Toy { gain: 0.1 }, model());
+        let measured = noisy(&toy, 6);
+        let networks = Posterior::prior(model.theta.clone());
+        let mut calls = 0;
+        let mut stop = |share: f64, _: usize| {
+            assert!((0.0..1.0).contains(&share));
+            calls += 1;
+            if calls < 5 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        };
+        let stopped = refine(&model, std::slice::from_ref(&measured), &networks, &settings(), &toy, &mut stop);
+        assert!(matches!(stopped, Err(FitError::Cancelled)));
+        model.camera.keypoint_noise_px = 0.0;
+        assert!(matches!(refined(&model, &toy, &measured), Err(FitError::Noise { .. })));
+    }
+}
