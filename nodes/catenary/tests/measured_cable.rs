@@ -56,8 +56,11 @@ fn the_swing_determines_the_cables_stiffness() {
     let [low, high] = interval(&report, "rest_curvature_per_m");
     assert!(high < -1.0 && low > -3.9, "{low} to {high} /m: the cable is bent towards -x at rest");
     let (rmse_mm, coverage) = (&report["predictive"]["rmse_mm"], &report["predictive"]["coverage"]);
-    assert!(rmse_mm.as_f64().unwrap() < 12.0, "{rmse_mm} mm");
+    // Networks alone are 7 to 9 mm off.
+    assert!(rmse_mm.as_f64().unwrap() < 3.0, "{rmse_mm} mm");
     assert!(coverage.as_f64().unwrap() > 0.85, "{coverage}");
+    let [low, high] = interval(&report, "slip_moment_n_m");
+    assert!(high < 2.0 * low, "{low} to {high} N m is too wide: the strands slip in each swing");
 }
 
 #[test]

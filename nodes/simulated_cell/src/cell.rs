@@ -403,7 +403,7 @@ mod tests {
     #[test]
     fn a_cell_needs_a_camera_and_all_of_theta() {
         assert!(matches!(
-            Cell::new(&cable(), &[0.1, 0.02, 0.0, 0.5, 0.05], Fidelity::Fast, 1),
+            Cell::new(&cable(), &[0.1, 0.02, 0.0, 0.5, 0.05, 1.0, 0.0], Fidelity::Fast, 1),
             Err(CellError::Camera(_))
         ));
         assert_eq!(

@@ -78,6 +78,13 @@ pub const CATALOGUE: &[PhysicalParameter] = &[
         [0.0, 1e3],
         "moment at which the strands of a cable slip: larger damps large motions more and lets small ones slip less",
     ),
+    parameter(
+        "slip_spread_ratio",
+        ["spread of the slip", "1"],
+        Some(1.0),
+        [1.0, 1e4],
+        "greatest over least curvature at which strands slip, one layer after the other; 1: all at once",
+    ),
     parameter("creep_time_s", ["creep time", "s"], Some(2.0), [1e-2, 1e5], "time constant of creep"),
     parameter(
         "table_height_m",
@@ -291,6 +298,7 @@ impl<'r> Values<'r> {
             axial_law: object.axial_law,
             sticking_stiffness_n_m2: strands[0],
             slip_moment_n_m: strands[1],
+            slip_spread_ratio: self.need("slip_spread_ratio")?,
             creep_time_s: self.need("creep_time_s")?,
             table: self.get("table_height_m").map(|h| Table::new(h, self.get("table_friction").unwrap_or_default())),
             ..base
@@ -339,7 +347,8 @@ pub(crate) mod tests {
     fn shipped_models_make_beams() {
         assert_eq!(check(&soft_bar()), Ok(()));
         assert_eq!(check(&cable()), Ok(()));
-        let values = Values::resolve(Registry::shipped(), &cable(), &[0.1, 0.02, 1.5, 0.5, 0.05], []).unwrap();
+        let values =
+            Values::resolve(Registry::shipped(), &cable(), &[0.1, 0.02, 1.5, 0.5, 0.05, 1.0, 0.0], []).unwrap();
         let beam = values.episode_model(&cable()).unwrap().beam;
         assert_eq!(
             (beam.bending_stiffness_n_m2, beam.kelvin_voigt_time_s, beam.rest_curvature_per_m),
@@ -362,7 +371,7 @@ pub(crate) mod tests {
         let no_table = Values::resolve(
             Registry::shipped(),
             &cable(),
-            &[0.1, 0.02, 1.5, 0.5, 0.05],
+            &[0.1, 0.02, 1.5, 0.5, 0.05, 1.0, 0.0],
             [("table_height_change_m", 0.01)],
         );
         let error = no_table.unwrap().episode_model(&cable()).unwrap_err().to_string();

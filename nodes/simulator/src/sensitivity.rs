@@ -272,7 +272,7 @@ mod tests {
         let path = |t: f64| GripPose { x_m: 0.4, z_m: 1.3 + 0.1 * t, pitch_rad: 0.0 };
         let times_s: Vec<f64> = (0..=100).map(|i| 0.01 * f64::from(i)).collect();
         let poses = times_s.iter().map(|t| path(*t)).collect();
-        let theta = vec![0.1, 0.02, -1.5, 0.5, 0.05];
+        let theta = vec![0.1, 0.02, -1.5, 0.5, 0.05, 1.0, 0.0];
         let start = StartShape::Measured {
             points_m: [[0.41, 1.2], [0.44, 1.0], [0.46, 0.8], [0.47, 0.62]],
             velocities_m_s: [[0.0, 0.1], [0.02, 0.1], [0.04, 0.1], [0.06, 0.1]],

@@ -380,7 +380,7 @@ mod tests {
         assert!(message(|r| r.drive = Drive::Actions(vec![[0.0; 2], [f64::NAN, 0.0]])).contains("at step 1"));
         let no_task = BeamSimulator::new(&cable(), 1).unwrap();
         let mut r = request(Drive::Actions(vec![[0.0; 2]]), 1);
-        r.thetas = vec![vec![0.1, 0.02, 0.0, 0.5, 0.05]];
+        r.thetas = vec![vec![0.1, 0.02, 0.0, 0.5, 0.05, 1.0, 0.0]];
         assert!(no_task.simulate(&r).unwrap_err().to_string().contains("task"));
     }
 }

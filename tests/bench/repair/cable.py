@@ -34,7 +34,10 @@ from support import findings
 from support.program import MODELS
 
 MODEL = MODELS / "measured_cable.yaml"
-LACKING = {"kelvin_voigt_time_s", "rest_curvature_per_m", "sticking_stiffness_n_m2", "slip_moment_n_m", "linear_drag_n_s_m2"}
+LACKING = {
+    *("kelvin_voigt_time_s", "rest_curvature_per_m", "rest_curvature_gradient_per_m2", "linear_drag_n_s_m2"),
+    *("sticking_stiffness_n_m2", "slip_moment_n_m", "slip_spread_ratio"),
+}
 SWING, MOVING = "swing", "moving_grip"
 MOTIONS = [(SWING, MOVING), (MOVING, SWING)]
 STIFFNESS = "bending_stiffness_n_m2"

@@ -38,6 +38,8 @@ pub struct BeamParameters {
     pub sticking_stiffness_n_m2: f64,
     /// Moment in N m at which the strands slip. Small motions stay below it.
     pub slip_moment_n_m: f64,
+    /// Ratio of the greatest to the least curvature at which strands slip: 1 if all slip at once.
+    pub slip_spread_ratio: f64,
     /// Friction between strands that slip gradually, c: after a turn t of the whole length, in rad, they add a moment of c EI
     /// / L t^(1/4).
     pub strand_friction: f64,
@@ -150,6 +152,7 @@ impl BeamParameters {
             creep_time_s: 2.0,
             sticking_stiffness_n_m2: 0.0,
             slip_moment_n_m: 0.0,
+            slip_spread_ratio: 1.0,
             strand_friction: 0.0,
             linear_drag_n_s_m2: 0.0,
             quadratic_drag_n_s2_m3: 0.0,
@@ -220,6 +223,7 @@ impl BeamParameters {
         for (name, value) in not_negative {
             require(name, "at least zero", value, |v| v >= 0.0)?;
         }
+        require("slip_spread_ratio", "at least 1", self.slip_spread_ratio, |v| v >= 1.0)?;
         require("other_law_share", "0 to 1", self.other_law_share, |v| (0.0..=1.0).contains(&v))?;
         require("creep_fraction", "0 to below 1", self.creep_fraction, |v| (0.0..1.0).contains(&v))?;
         require("stiffness_gradient", "above -1 and below 1", self.stiffness_gradient, |v| v.abs() < 1.0)?;

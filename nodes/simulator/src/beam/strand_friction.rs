@@ -4,6 +4,9 @@
 //! motions therefore meet the stiff cable; large ones meet the soft cable and lose energy. Several layers of strands
 //! slip one after the other.
 //!
+//! Two laws. The sticking law has a stiffness, the moment at which all strands slip, and the spread of the curvatures at which
+//! they slip. The gradual law has one number; the others are its constants.
+//!
 //! Source: the elastic, perfectly plastic element of Jenkins, and several in parallel (Iwan 1966, "A distributed-element
 //! model for hysteresis"); for cables Papailiou 1997, "On the bending stiffness of transmission line conductors".
 
@@ -13,8 +16,11 @@ use super::parameters::BeamParameters;
 
 /// Layers of the gradual law.
 const GRADUAL: usize = 5;
-/// Layers of strands: one of the sticking law, then those of the gradual law.
-pub(super) const LAYERS: usize = 1 + GRADUAL;
+/// Most layers of the sticking law.
+const STICKING: usize = 5;
+/// Layers of strands: those of the sticking law, of which the last one acts alone if all strands slip at once, then those of
+/// the gradual law.
+pub(super) const LAYERS: usize = STICKING + GRADUAL;
 /// Turn of the whole length in rad at which the first layer of the gradual law slips, and ratio of the turns of
 /// neighbouring layers. The last one slips at 4.9 rad, beyond which cables are not bent.
 const FIRST_TURN: f64 = 0.06;
@@ -57,13 +63,19 @@ impl StrandFriction {
     /// Returns the friction of a beam: the sticking law, and the gradual law.
     pub fn of(p: &BeamParameters) -> Self {
         let mut layers = [Layer::default(); LAYERS];
-        let sticks = p.sticking_stiffness_n_m2 > 0.0;
-        layers[0] = Layer { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
+        let count = match p.sticking_stiffness_n_m2 > 0.0 {
+            false => 0,
+            // Layers that slip together are one.
+            true if p.slip_spread_ratio == 1.0 => 1,
+            true => STICKING,
+        };
+        let from = STICKING - count;
+        layers[from..STICKING].copy_from_slice(&sticking(p)[..count]);
         let is_gradual = p.strand_friction > 0.0;
         if is_gradual {
-            layers[1..].copy_from_slice(&gradual(p));
+            layers[STICKING..].copy_from_slice(&gradual(p));
         }
-        Self { layers, from: usize::from(!sticks), to: if is_gradual { LAYERS } else { 1 } }
+        Self { layers, from, to: if is_gradual { LAYERS } else { STICKING } }
     }
 
     /// Returns true if there is any friction.
@@ -124,6 +136,21 @@ impl StrandFriction {
     }
 }
 
+/// Returns the layers of the sticking law: equal stiffness, and curvatures of slip at equal ratios from one to the next. Their
+/// stiffness and moment add up to those of the cable. Without a spread the first one is the whole law.
+fn sticking(p: &BeamParameters) -> [Layer; STICKING] {
+    let whole = Layer { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
+    if p.slip_spread_ratio == 1.0 {
+        return [whole; STICKING];
+    }
+    let relative = |layer: usize| p.slip_spread_ratio.powf(layer as f64 / (STICKING - 1) as f64);
+    let sum: f64 = (0..STICKING).map(relative).sum();
+    std::array::from_fn(|layer| Layer {
+        stiffness: whole.stiffness / STICKING as f64,
+        moment: whole.moment * relative(layer) / sum,
+    })
+}
+
 /// Returns the layers of the gradual law: their joint moment after a turn t of the whole length, from zero friction on, is
 /// c EI / L t^[`GROWTH`] at the turn of each layer, with the coefficient c of the beam, and linear between them.
 fn gradual(p: &BeamParameters) -> [Layer; GRADUAL] {
@@ -152,13 +179,31 @@ mod tests {
         BeamParameters { strand_friction, ..bar }
     }
 
-    fn sticking() -> StrandFriction {
-        StrandFriction::of(&BeamParameters { sticking_stiffness_n_m2: 2.0, slip_moment_n_m: 0.1, ..cable(0.0) })
+    fn spread(slip_spread_ratio: f64) -> StrandFriction {
+        let strands = BeamParameters { sticking_stiffness_n_m2: 2.0, slip_moment_n_m: 0.1, ..cable(0.0) };
+        StrandFriction::of(&BeamParameters { slip_spread_ratio, ..strands })
+    }
+
+    /// Small motions meet the whole sticking stiffness, and large ones the whole slip moment, whatever the spread.
+    #[test]
+    fn a_spread_of_the_slip_keeps_the_ends_of_the_law_and_rounds_its_corner() {
+        let moment = |ratio: f64, curvature: f64| spread(ratio).moment_at(curvature, &[0.0; LAYERS]);
+        assert!((moment(30.0, 1e-4) - 2e-4).abs() < 1e-15 && (moment(30.0, 5.0) - 0.1).abs() < 1e-15);
+        // All strands slip at a curvature of 0.05 without a spread.
+        assert_eq!(moment(1.0, 0.05), 0.1);
+        let at_corner: Vec<f64> = [1.001, 3.0, 30.0, 300.0].map(|ratio| moment(ratio, 0.05)).into();
+        assert!(at_corner.windows(2).all(|pair| pair[1] < pair[0]) && at_corner[0] > 0.0999, "{at_corner:?}");
+        let (first, last) = (spread(30.0).layers[0], spread(30.0).layers[STICKING - 1]);
+        assert!((last.moment / last.stiffness / (first.moment / first.stiffness) - 30.0).abs() < 1e-9);
+    }
+
+    fn at_once() -> StrandFriction {
+        spread(1.0)
     }
 
     #[test]
     fn a_cycle_encloses_the_energy_of_the_slip() {
-        let friction = sticking();
+        let friction = at_once();
         let (mut neutral, mut lost, mut last) = ([0.0; LAYERS], 0.0, 0.0);
         let amplitude = 0.5;
         // Only the second cycle counts: the first begins in the middle of the loop.
@@ -177,7 +222,7 @@ mod tests {
     #[test]
     fn the_moment_is_the_derivative_of_the_energy() {
         let element = Element { length: 1.0, inverse_length: 1.0, ..Element::default() };
-        for friction in [sticking(), StrandFriction::of(&cable(0.5))] {
+        for friction in [at_once(), spread(30.0), StrandFriction::of(&cable(0.5))] {
             let response = |curvature: f64| {
                 let mut r = Response::default();
                 friction.add(&element, curvature, &[0.3; LAYERS], &mut r);
@@ -206,8 +251,12 @@ mod tests {
     /// Masing's rule: the branch after a reversal is the virgin curve at twice the scale.
     #[test]
     fn a_reversal_follows_the_virgin_curve_at_twice_the_scale() {
-        let p = cable(0.5);
-        let friction = StrandFriction::of(&p);
+        for friction in [StrandFriction::of(&cable(0.5)), spread(1.0), spread(30.0)] {
+            reverses(&friction);
+        }
+    }
+
+    fn reverses(friction: &StrandFriction) {
         let virgin = |curvature: f64| friction.moment_at(curvature, &[0.0; LAYERS]);
         let (most, mut neutral) = (3.0, [0.0; LAYERS]);
         friction.slip(most, &mut neutral);

@@ -48,6 +48,7 @@ pub fn default_extremes(registry: &Registry) -> Vec<Extreme> {
         ("density_kg_m3", 800.0, 2000.0),
         ("sticking_stiffness_n_m2", NO_STRANDS.0, 1e-3),
         ("slip_moment_n_m", NO_STRANDS.1, 1e-2),
+        ("slip_spread_ratio", 1.0, 100.0),
         ("creep_time_s", 0.05, 20.0),
         ("table_height_m", -0.05, 0.05),
         ("table_friction", 0.0, 1.0),
