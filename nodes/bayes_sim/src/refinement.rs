@@ -32,6 +32,8 @@ const ROUNDS: usize = 40;
 const UNSETTLED: f64 = 0.5;
 /// Share of accepted moves under which the draws have hardly moved.
 const STUCK: f64 = 0.02;
+/// Share of the likelihood's noise that a better fit must leave for another sampling.
+const LESS_NOISE: f64 = 0.8;
 /// Distance of the posterior's mean prediction beyond that of the best fit, as a share of it, that is worth a warning.
 const WORSE: f64 = 0.5;
 /// Number of simulations at which a refinement is shown as half done; its number is not known beforehand.
@@ -70,8 +72,8 @@ pub struct Refinement {
     pub modes: usize,
     /// True if the simulations carry a correction of their discretisation error.
     pub is_corrected: bool,
-    /// Effective sample size of the importance sampling.
-    pub effective_sample_size: f64,
+    /// Steps in which the likelihood's power grew from 0 to 1.
+    pub steps: usize,
     /// Share of the walkers' moves that were accepted.
     pub acceptance: f64,
     /// Greatest change of a coordinate's mean over the last block of moves, in its standard deviations.
@@ -157,7 +159,7 @@ pub fn refine(
     let modes = modes(&problem, known, &of_fits, &mut on_round)?;
     let (corrected, modes, is_corrected) = corrected(&problem, modes, of_fits.finer_fidelity, &mut on_round)?;
     let problem = Problem { episodes: &corrected, unknowns: problem.unknowns.clone(), ..problem };
-    let drawn = draws(&problem, &modes, Budget::default(), seed, &mut on_round)?;
+    let (drawn, modes) = drawn(&problem, modes, seed, &mut on_round)?;
     let posterior = posterior_of(&problem, &drawn, networks, seed)?;
     let predictive = (settings.predictive_draws > 0)
         .then(|| predictive(&problem, &drawn.points, settings.predictive_draws, measured, &model, seed));
@@ -169,12 +171,12 @@ pub fn refine(
         best_fit: fitted(&problem, &best.point),
         best_fit_rmse_mm: rmse_mm(offsets.iter()),
         best_fit_residual: best.cost / best.residuals.len() as f64,
-        noise_inflation: noise_inflation(best),
+        noise_inflation: drawn.inflation,
         networks_rmse_mm,
         networks_width: width(networks).map_err(outside)?,
         modes: modes.len(),
         is_corrected,
-        effective_sample_size: drawn.effective,
+        steps: drawn.steps,
         acceptance: drawn.acceptance,
         drift: drawn.drift,
         simulations: counted.episodes.get(),
@@ -275,6 +277,36 @@ fn corrected(
         all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
     Ok((best.episodes, all, true))
+}
+
+/// Draws of the posterior, and the modes with the best fit that the walkers led to.
+fn drawn(
+    problem: &Problem<'_>,
+    mut modes: Vec<Fit>,
+    seed: u64,
+    on_round: OnRound<'_>,
+) -> Result<(Draws, Vec<Fit>), FitError> {
+    loop {
+        let drawn = draws(problem, &modes, Budget::default(), seed, on_round)?;
+        // Walkers cover the priors, and may have met a minimum that no fit had ended in.
+        let start = Start { point: drawn.best.clone(), tracks: problem.measured() };
+        let polished = match problem.fit(vec![start], on_round) {
+            Err(FitError::NoFit(_)) => None,
+            fits => fits?.into_iter().flatten().next(),
+        };
+        if let Some(better) = polished.filter(|fit| fit.cost < modes[0].cost) {
+            let is_same = !problem.unknowns.are_apart(&better.point, &modes[0].point);
+            if is_same {
+                modes[0] = better;
+            } else {
+                modes.insert(0, better);
+            }
+        }
+        // A better fit may leave less noise than the likelihood had; each round lowers it, so that the loop ends.
+        if noise_inflation(&modes[0]) > LESS_NOISE * drawn.inflation {
+            return Ok((drawn, modes));
+        }
+    }
 }
 
 /// Posterior over the parameters: a mixture of Gaussians for the draws.

@@ -197,7 +197,7 @@ fn file_and_replayed_topics_give_the_same_posterior() {
     let (bag, model) = (root().join("bags/swing"), root().join("launch_configs/models/soft_bar.yaml"));
     let folder = tempfile::tempdir().unwrap();
     let file = by_command(&bag, &model, folder.path(), &[]);
-    assert!(file[0].len() >= 4 && file[1].len() == 2 * file[0].len(), "{file:?}");
+    assert!(!file[0].is_empty() && file[1].len() == 2 * file[0].len(), "{file:?}");
     for rate in ["1", "inf"] {
         assert_eq!(by_topics(&bag, &model, rate), file, "replayed at {rate}");
     }

@@ -1,32 +1,52 @@
 //! Draws of the exact posterior of a fit, with the simulator itself as the likelihood.
 //!
-//! Local minima of the cost give the first proposal; adaptive importance sampling mends it, and moves of an ensemble of
-//! walkers take out what is left of its errors. All densities are in normal scores, see [`Scores`].
+//! An ensemble of walkers is annealed from the priors to the posterior, and then moved until it has settled. Local minima of the
+//! cost have a part in the moves. All densities are in normal scores, see [`Scores`].
 
+mod annealing;
 mod ensemble;
 mod gaussians;
-mod importance;
 mod proposal;
 mod scores;
 
 pub use gaussians::gaussians_of;
-pub use importance::Budget;
 pub use scores::Scores;
 
 use crate::error::FitError;
 use crate::fitting::{Fit, OnRound, Problem, noise_inflation};
 use catenary_core::seed;
 
-/// Random streams of the steps.
+/// Random stream.
 const STREAM: u64 = 40;
+
+/// Sizes of a sampling.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Budget {
+    /// Walkers of the ensemble.
+    pub walkers: usize,
+    /// Moves of each walker in a block at the posterior.
+    pub block: usize,
+    /// Most blocks.
+    pub blocks: usize,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { walkers: 256, block: 8, blocks: 6 }
+    }
+}
 
 /// Draws of a posterior with an account of how they were made.
 #[derive(Debug, Clone)]
 pub struct Draws {
     /// Points in unit coordinates, one number a column of the unknowns.
     pub points: Vec<Vec<f64>>,
-    /// Effective sample size of the importance sampling.
-    pub effective: f64,
+    /// Point with the greatest likelihood that a walker met.
+    pub best: Vec<f64>,
+    /// Variance of the likelihood's noise in variances of the stated noise.
+    pub inflation: f64,
+    /// Steps in which the likelihood's power grew from 0 to 1.
+    pub steps: usize,
     /// Share of the walkers' moves that were accepted.
     pub acceptance: f64,
     /// Greatest change of a coordinate's mean over the last block of moves, in its standard deviations.
@@ -51,11 +71,14 @@ pub fn draws(
     let scores = Scores::of(problem, inflation);
     let inflated: Vec<Fit> = modes.iter().map(|mode| mode.clone().at_noise(inflation)).collect();
     let first = proposal::Proposal::of_modes(&inflated).ok_or_else(|| FitError::NoFit("no mode was found".into()))?;
-    let sample = importance::sample(&scores, first, budget, &mut seed::rng(seed, STREAM + 1), on_round)?;
-    let moved = ensemble::moved(&scores, &sample, budget, &mut seed::rng(seed, STREAM + 2), on_round)?;
+    let mut rng = seed::rng(seed, STREAM);
+    let (ensemble, steps) = annealing::annealed(&scores, budget.walkers, &first, &mut rng, on_round)?;
+    let moved = ensemble.settle(&scores, budget, &mut rng, on_round)?;
     Ok(Draws {
         points: moved.walkers.iter().map(Scores::to_unit).collect(),
-        effective: sample.effective,
+        best: Scores::to_unit(&moved.best),
+        inflation,
+        steps,
         acceptance: moved.acceptance,
         drift: moved.drift,
         simulations: scores.simulations(),
@@ -84,7 +107,7 @@ mod tests {
         let short = found.points.iter().filter(|u| problem.unknowns.values(u, 0)[0] < 0.25).count();
         let share = short as f64 / found.points.len() as f64;
         assert!((share - 0.5).abs() < 0.1, "{share}");
-        assert!(found.effective > 100.0 && found.acceptance > 0.1, "{} {}", found.effective, found.acceptance);
+        assert!(found.steps > 2 && found.acceptance > 0.1, "{} {}", found.steps, found.acceptance);
         let mixture = gaussians_of(&found.points, 0).unwrap();
         let at = |length: f64| {
             let u = problem.unknowns.list()[0].prior.to_unit(length);

@@ -94,12 +94,12 @@ impl Unknowns {
         Self { list, ..*self }
     }
 
-    /// These unknowns with wider priors of theta: on both sides by their own width, or by a quarter of their values if
-    /// that is more. Gaussians and mixtures become uniform. Positive values stay positive.
+    /// These unknowns with wider priors of those that `opens` names by their index: on both sides by their own width, or by
+    /// a quarter of their values if that is more. Gaussians and mixtures become uniform. Positive values stay positive.
     #[must_use]
-    pub fn opened(&self) -> Self {
+    pub fn opened(&self, opens: impl Fn(usize) -> bool) -> Self {
         let mut list = self.list.clone();
-        for unknown in &mut list[..self.theta] {
+        for (_, unknown) in list.iter_mut().enumerate().filter(|(i, _)| opens(*i)) {
             let (low, high) = unknown.prior.bounds();
             unknown.gaussian = None;
             unknown.prior = match unknown.prior {
@@ -333,8 +333,20 @@ mod tests {
             }
             assert!(b[5].abs() < 1e-12, "a candidate begins at the middle of its search");
         }
-        let opened = base.opened();
+        let opened = base.opened(|i| i < base.theta());
         assert!((opened.values(&opened.point_from(&base, &u), 0)[0] - base.values(&u, 0)[0]).abs() < 1e-12);
+    }
+
+    #[test]
+    fn only_some_priors_are_opened() {
+        let base = Unknowns::of(&model(), 2);
+        let friction = base.names().iter().position(|name| *name == "table_friction").unwrap();
+        let opened = base.opened(|i| i == friction);
+        for (i, (old, new)) in base.list().iter().zip(opened.list()).enumerate() {
+            let ((low, high), (least, greatest)) = (old.prior.bounds(), new.prior.bounds());
+            let is_wider = least < low && greatest > high && least > 0.0;
+            assert!(if i == friction { is_wider } else { old == new }, "{}: {least} to {greatest}", new.name);
+        }
     }
 
     #[test]
@@ -355,7 +367,7 @@ mod tests {
         u[0] = 0.841345;
         let drawn = unknowns.values(&unknowns.drawn(u.clone()), 0)[0];
         assert!((drawn - 0.254).abs() < 1e-6, "{drawn}");
-        assert!(unknowns.opened().prior_residuals(&u).is_empty());
+        assert!(unknowns.opened(|i| i == 0).prior_residuals(&u).is_empty());
     }
 
     #[test]

@@ -15,6 +15,8 @@ const FREEDOM: f64 = 5.0;
 const ROUNDS: usize = 20;
 /// Rounds of an expectation-maximisation.
 const EM_ROUNDS: usize = 20;
+/// Splits of all components of a proposal that is fitted to draws.
+const SPLITS: usize = 2;
 /// Least standard deviation of a component in scores. Below it a density is as good as a point.
 const LEAST_SD: f64 = 1e-5;
 
@@ -81,6 +83,26 @@ impl Proposal {
         let least = (0.05 / components.len().max(1) as f64).ln();
         log_weights.iter_mut().for_each(|w| *w = w.max(least));
         (!components.is_empty()).then(|| Self { log_weights, components }.normalised())
+    }
+
+    /// Proposal of at most four components that is fitted to draws; none if the draws lie in a plane.
+    pub fn of_draws(draws: &[DVector<f64>]) -> Option<Self> {
+        let n = draws.len() as f64;
+        let d = draws.first()?.len();
+        let mean = draws.iter().fold(DVector::zeros(d), |sum, z| sum + z) / n;
+        let covariance = draws.iter().fold(DMatrix::zeros(d, d), |sum, z| sum + (z - &mean) * (z - &mean).transpose());
+        let mut own = Self { log_weights: vec![0.0], components: vec![Component::new(mean, covariance / n)?] };
+        let weights = vec![1.0 / n; draws.len()];
+        for _ in 0..SPLITS {
+            // Copies of one draw count once.
+            own = own.split().fitted(draws, &weights, 0.5 * n)?;
+        }
+        Some(own)
+    }
+
+    /// Number of coordinates.
+    pub fn dimension(&self) -> usize {
+        self.components[0].mean.len()
     }
 
     /// Proposal fitted to weighted draws by expectation-maximisation, from this one on; components that no draw supports
@@ -166,11 +188,6 @@ impl Proposal {
         };
         let (log_weights, components) = self.log_weights.iter().zip(&self.components).flat_map(halves).unzip();
         Self { log_weights, components }
-    }
-
-    /// Number of components.
-    pub fn len(&self) -> usize {
-        self.components.len()
     }
 
     /// Log density at the scores.

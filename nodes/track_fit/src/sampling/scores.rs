@@ -12,7 +12,7 @@ const EDGE: f64 = 1e-6;
 /// Points of a batch. Between batches a run may be cancelled.
 const BATCH: usize = 128;
 
-/// Posterior density of a problem in normal scores `z = Phi^-1(u)` of its unit coordinates u, where Phi is the standard
+/// Likelihood of a problem in normal scores `z = Phi^-1(u)` of its unit coordinates u, where Phi is the standard
 /// normal distribution function. The bounds of the priors lie at infinity there, so that no proposal is cut.
 pub struct Scores<'a> {
     problem: &'a Problem<'a>,
@@ -22,7 +22,7 @@ pub struct Scores<'a> {
 }
 
 impl<'a> Scores<'a> {
-    /// Density of a problem. Its likelihood has `inflation` times the variance of the stated noise.
+    /// Likelihood of a problem, with `inflation` times the variance of the stated noise.
     pub fn of(problem: &'a Problem<'a>, inflation: f64) -> Self {
         Self { problem, measured: problem.measured(), inflation, simulations: Cell::new(0) }
     }
@@ -47,36 +47,35 @@ impl<'a> Scores<'a> {
         z.map(|z| (-0.5 * z * z).exp() / (2.0 * PI).sqrt())
     }
 
-    /// Log densities of the posterior at the scores, up to a constant. A point that cannot be simulated has minus infinity.
-    /// A point whose log density lies below its limit may have any value below the limit.
+    /// Log likelihoods at the scores, up to a constant. A point that cannot be simulated has minus infinity. A point whose log
+    /// likelihood lies below its limit may have any value below the limit.
     ///
     /// # Errors
     /// [`FitError::Cancelled`] if `on_round` breaks.
-    pub fn log_densities(
+    pub fn log_likelihoods(
         &self,
         points: &[DVector<f64>],
         limits: Option<&[f64]>,
         on_round: OnRound<'_>,
     ) -> Result<Vec<f64>, FitError> {
-        let mut densities = Vec::with_capacity(points.len());
+        let mut likelihoods = Vec::with_capacity(points.len());
         for (part, chunk) in points.chunks(BATCH).enumerate() {
             let units: Vec<Vec<f64>> = chunk.iter().map(Self::to_unit).collect();
-            let prior = |z: &DVector<f64>| -0.5 * z.norm_squared();
-            let most: Option<Vec<f64>> = limits.map(|limits| {
-                let own = &limits[part * BATCH..];
-                chunk.iter().zip(own).map(|(z, limit)| 2.0 * self.inflation * (prior(z) - limit)).collect()
-            });
-            let costs = match most {
+            let costs = match limits {
                 None => self.problem.costs(&units, &self.measured),
-                Some(most) => self.problem.costs_each_to(&units, &self.measured, &most),
+                Some(limits) => {
+                    let own = &limits[part * BATCH..][..chunk.len()];
+                    let most: Vec<f64> = own.iter().map(|limit| -2.0 * self.inflation * limit).collect();
+                    self.problem.costs_each_to(&units, &self.measured, &most)
+                }
             };
-            densities.extend(chunk.iter().zip(costs).map(|(z, cost)| prior(z) - 0.5 * cost / self.inflation));
+            likelihoods.extend(costs.into_iter().map(|cost| -0.5 * cost / self.inflation));
             self.simulations.set(self.simulations.get() + chunk.len());
             if on_round().is_break() {
                 return Err(FitError::Cancelled);
             }
         }
-        Ok(densities)
+        Ok(likelihoods)
     }
 }
 
