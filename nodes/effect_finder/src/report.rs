@@ -24,9 +24,11 @@ mod verifier;
 pub use agreement::Agreement;
 pub(crate) use bands::fitted_bands;
 pub use bands::{Band, EpisodeBands, PlaneTrack};
-pub use decide::{Objection, RepairEvidence, SupportEvidence, ValidationEvidence, VerdictEvidence, decide, is_unlike};
+pub use decide::{
+    ClosedGap, Objection, RepairEvidence, SupportEvidence, ValidationEvidence, VerdictEvidence, decide, is_unlike,
+};
 pub use detectable::{DetectionLimit, detectable_size, limits};
-pub use finding::{Estimate, Finding, Fitness, MISFIT, Presence, StandIn};
+pub use finding::{Estimate, Finding, Fitness, MISFIT, Presence, PressingValue, StandIn};
 pub(crate) use further::index_among_all;
 pub use further::{FurtherTest, join, unlike};
 pub use localisation::{Localisation, Part, localise, onset, worst_quantity};
@@ -35,7 +37,7 @@ pub use outcome::Outcome;
 pub use phase::{Phase, shows_most};
 pub use repair::repaired;
 pub use separation::{Separation, separate};
-pub use trade_off::{TradeOff, trade_offs};
+pub use trade_off::{Combination, TradeOff, trade_offs};
 pub use verdict::Verdict;
 pub use verification::{Score, Verification};
 pub(crate) use verifier::PREDICTIONS;

@@ -4,7 +4,7 @@ use crate::report::number::{millimetres, percent, plain};
 use crate::report::quantity::{Quantity, capital};
 use catenary_core::statistics::p_clause;
 use effect_finder::evidence::Test;
-use effect_finder::report::{Missing, StandIn, part_in_words};
+use effect_finder::report::{ClosedGap, Missing, PressingValue, StandIn, Verification, part_in_words};
 use effect_finder::{Finding, Verdict};
 
 /// Residual in units of the noise: square root of the test statistic over its median without a gap.
@@ -79,10 +79,13 @@ fn by_verdict(finding: &Finding, episodes: usize) -> Vec<String> {
             repair(finding, episodes),
         ],
         Verdict::NoneOfThese => {
-            vec!["Something is missing from the model, and no effect of the library explains it.".into(), left]
+            let mut sentences =
+                vec!["Something is missing from the model, and no effect of the library explains it.".into(), left];
+            sentences.extend(finding.verification.as_ref().and_then(closes_nothing));
+            sentences
         }
         Verdict::PriorTooNarrow => {
-            let names: Vec<String> = finding.pressing.iter().map(|name| Quantity::of(name).title).collect();
+            let names = pressing(finding);
             let mut sentences = vec![format!(
                 "The prior of the {} is too narrow: the best value lies at its edge, and beyond it the model explains {on}.",
                 names.join(" and the ")
@@ -96,9 +99,25 @@ fn by_verdict(finding: &Finding, episodes: usize) -> Vec<String> {
     }
 }
 
+/// Sentence on a repair that may close nothing of the gap of the recordings that were not fitted.
+fn closes_nothing(verification: &Verification) -> Option<String> {
+    let ClosedGap { share, interval } = verification.closed().filter(ClosedGap::may_be_nothing)?;
+    let [share, low, high] = [share, interval[0], interval[1]].map(|v| plain(100.0 * v, 0));
+    Some(format!(
+        "On the recordings that no fit saw the best repair closes {share} % of the gap ({low} to {high} %), which may be nothing."
+    ))
+}
+
 /// Number of recordings in words: "the recording", "the 3 recordings".
 fn recordings(count: usize) -> String {
     if count == 1 { "the recording".into() } else { format!("the {count} recordings") }
+}
+
+/// Titles of the parameters at a bound of their prior, and of the values of recordings that would have to lie beyond it.
+pub fn pressing(finding: &Finding) -> Vec<String> {
+    let parameters = finding.pressing.iter().map(|name| Quantity::of(name).title);
+    let value = |v: &PressingValue| format!("{} of {}", Quantity::of(&v.name).title, v.episode_name);
+    parameters.chain(finding.pressing_values.iter().map(value)).collect()
 }
 
 /// Names of the most probable effects.
@@ -162,7 +181,7 @@ fn repair(finding: &Finding, episodes: usize) -> String {
 pub mod tests {
     use super::*;
     use effect_finder::evidence::{Explanation, Magnitude};
-    use effect_finder::report::{Estimate, Fitness, Form, Score, Verification};
+    use effect_finder::report::{Estimate, Fitness, Form, Score};
 
     fn fitness(rmse_mm: f64, statistic: f64, estimates: Vec<Estimate>) -> Fitness {
         let null = (0..199).map(|i| 90.0 + 0.1 * f64::from(i)).collect();
@@ -184,6 +203,7 @@ pub mod tests {
             present: fitness(38.2, 2500.0, Vec::new()),
             places: Vec::new(),
             pressing: vec!["length_m".into()],
+            pressing_values: Vec::new(),
             explanations: vec![Explanation {
                 effects: vec![magnitude],
                 statistic: 100.0,
@@ -239,6 +259,25 @@ pub mod tests {
         let expected = "What is missing acts on the material (probability 0.98), like a bend at a place (0.35 of the length \
                         from the grip), and shows most from 0.5 to 3.0 s.";
         assert_eq!(said.last().map(String::as_str), Some(expected));
+    }
+
+    #[test]
+    fn the_answer_says_that_a_repair_may_close_nothing() {
+        let said = |interval| {
+            let verification = Verification { gap_closed: Some(0.19), interval, ..named().verification.unwrap() };
+            let none = Finding {
+                verdict: Verdict::NoneOfThese,
+                verification: Some(verification),
+                found: Vec::new(),
+                ..named()
+            };
+            answer(&none, 1).last().cloned().unwrap()
+        };
+        let expected = "On the recordings that no fit saw the best repair closes 19 % of the gap (-2 to 39 %), which may be nothing.";
+        assert_eq!(said(Some([-0.02, 0.39])), expected);
+        assert!(
+            [None, Some([0.02, 0.39])].into_iter().all(|closed| said(closed).starts_with("The error of the model"))
+        );
     }
 
     #[test]

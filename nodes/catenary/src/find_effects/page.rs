@@ -1,6 +1,6 @@
 //! HTML page of a search: the answer, its evidence, and the detectable sizes.
 
-use super::answer::{answer, most_probable, noise_words, times_the_noise};
+use super::answer::{answer, most_probable, noise_words, pressing, times_the_noise};
 use super::report::{Report, UsedEpisode};
 use crate::exit::Misfit;
 use crate::report::Page;
@@ -84,11 +84,15 @@ fn doubts(finding: &Finding) -> Vec<String> {
     }
     for t in &finding.trade_offs {
         let [a, b] = [&t.between[0], &t.between[1]].map(|name| Quantity::of(name).title);
-        doubts.push(format!("The {a} and the {b} trade off (correlation {:.2}): measure one of them.", t.correlation));
+        doubts.push(match t.determined([&a, &b]) {
+            Some(words) => format!("The recordings {words}: measure one of them."),
+            None => format!("The {a} and the {b} trade off (correlation {:.2}): measure one of them.", t.correlation),
+        });
     }
-    if finding.verdict != Verdict::PriorTooNarrow && !finding.pressing.is_empty() {
-        let names: Vec<String> = finding.pressing.iter().map(|name| Quantity::of(name).title).collect();
-        doubts.push(format!("At the edge of the prior: {}.", names.join(", ")));
+    // The answer itself names what a prior that is too narrow presses.
+    let pressing = pressing(finding);
+    if finding.verdict != Verdict::PriorTooNarrow && !pressing.is_empty() {
+        doubts.push(format!("At the edge of the prior: {}.", pressing.join(", ")));
     }
     doubts
 }
@@ -405,5 +409,44 @@ fn part(part: &Part, episodes: &[UsedEpisode]) -> String {
         Part::Window { episode, from_s, to_s } => {
             format!("{}, {from_s:.2} to {to_s:.2} s", episodes[episode].name)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::answer::tests::named;
+    use super::*;
+    use effect_finder::report::{Combination, PressingValue, TradeOff};
+
+    #[test]
+    fn parameters_that_are_determined_only_together_are_told_without_a_gap() {
+        let told = |combination| {
+            let between = ["youngs_modulus_pa", "length_m"].map(str::to_owned);
+            let trade_offs = vec![TradeOff { between, correlation: 0.99, combination }];
+            let finding = Finding { verdict: Verdict::NoGap, pressing: Vec::new(), trade_offs, ..named() };
+            doubts(&finding).join(" ")
+        };
+        let ratio = Combination { exponent: -1.0, relative_sd: 0.021, alone: [0.4, 0.38] };
+        let expected = "The recordings determine Young's modulus / length to 2.1 %, and hardly either (Young's modulus to 40 %, \
+                        length to 38 %): measure one of them.";
+        assert_eq!(told(Some(ratio)), expected);
+        assert_eq!(told(None), "The Young's modulus and the length trade off (correlation 0.99): measure one of them.");
+    }
+
+    #[test]
+    fn values_at_a_bound_are_told_with_and_without_a_gap() {
+        let value =
+            PressingValue { name: "table_friction".into(), episode: 1, episode_name: "swing, episode 2".into() };
+        let with = |verdict| Finding { verdict, pressing_values: vec![value.clone()], ..named() };
+        let told = "At the edge of the prior: length, table friction of swing, episode 2.";
+        for verdict in [Verdict::NoGap, Verdict::Named, Verdict::NoneOfThese] {
+            assert_eq!(doubts(&with(verdict)), [told], "{verdict:?}");
+        }
+        assert_eq!(doubts(&with(Verdict::PriorTooNarrow)), [""; 0], "the answer tells it");
+        let said = answer(&with(Verdict::PriorTooNarrow), 2);
+        assert!(
+            said[0].starts_with("The prior of the length and the table friction of swing, episode 2 is too narrow")
+        );
+        assert!(doubts(&Finding { pressing: Vec::new(), ..named() }).is_empty());
     }
 }

@@ -47,6 +47,10 @@ impl Report {
         let misfit = self.finding.misfit.iter().map(|reason| Misfit::headline(reason));
         let mut lines: Vec<String> = misfit.collect();
         lines.push(headline(&self.finding));
+        let pressing = self.finding.pressing_in_words();
+        if !pressing.is_empty() {
+            lines.push(format!("at a bound of the prior: {}", pressing.join(", ")));
+        }
         lines.push(format!("{} episodes, {:.1} s", self.episodes.len(), self.wall_s));
         lines.extend(self.finding.noise_doubt.iter().map(|doubt| format!("warning: {doubt}")));
         lines.push(format!("report: {}", page.display()));
@@ -62,5 +66,35 @@ fn headline(finding: &Finding) -> String {
             let effects: Vec<String> = found.iter().map(|alike| alike.join(" or ")).collect();
             format!("{} ({})", finding.verdict.name(), effects.join(", "))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::answer::tests::named;
+    use super::*;
+    use effect_finder::Verdict;
+
+    #[test]
+    fn the_terminal_tells_values_at_a_bound_without_a_gap() {
+        let words = |pressing: &[&str]| {
+            let pressing = pressing.iter().map(|name| (*name).to_owned()).collect();
+            let finding = Finding { verdict: Verdict::NoGap, found: Vec::new(), pressing, ..named() };
+            let report = Report {
+                model: "bar".into(),
+                episodes: Vec::new(),
+                validation: Vec::new(),
+                held_out: Vec::new(),
+                settings: Settings::default(),
+                wall_s: 1.0,
+                fits: true,
+                warnings: Vec::new(),
+                finding,
+            };
+            report.words(Path::new("found/index.html"))
+        };
+        let told = "no_gap\nat a bound of the prior: length_m, density_kg_m3\n0 episodes";
+        assert!(words(&["length_m", "density_kg_m3"]).starts_with(told), "{}", words(&["length_m", "density_kg_m3"]));
+        assert!(words(&[]).starts_with("no_gap\n0 episodes"), "{}", words(&[]));
     }
 }

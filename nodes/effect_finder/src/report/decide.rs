@@ -14,7 +14,7 @@ pub struct VerdictEvidence {
     /// p-values of the present model on each validation and held-out episode; empty without any, or if the fitted episodes
     /// show a gap.
     pub further: Vec<f64>,
-    /// Parameters are at bounds of their priors, and the gap closes beyond these.
+    /// Parameters or values of episodes are at bounds of their priors, and the gap closes beyond these.
     pub closes_beyond_prior: bool,
     /// Best repair; none if no candidate model is more probable than the present model.
     pub repair: Option<RepairEvidence>,
@@ -39,6 +39,8 @@ pub struct RepairEvidence {
     /// p-value of the validation episodes before the repaired model is weighed by them. None if the fitted episodes leave a
     /// residual, or without validation episodes.
     pub first_p_value: Option<f64>,
+    /// Shares of the gap that the repair closes on the validation and on the held-out episodes; empty if these show no gap.
+    pub closed: Vec<ClosedGap>,
     /// Comparison with the present model on validation episodes; none without such episodes, or before it is made.
     pub validation: Option<ValidationEvidence>,
 }
@@ -56,6 +58,22 @@ pub struct ValidationEvidence {
     pub is_equally_corrected: bool,
     /// Losses in log likelihood by the alternatives, nats; empty unless [`ValidationEvidence::is_doubtful`].
     pub alternative_losses: Vec<f64>,
+}
+
+/// Share of the gap that a repair closes on episodes that no fit has seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosedGap {
+    /// Closed share.
+    pub share: f64,
+    /// Interval of the closed share, 5 to 95 %.
+    pub interval: [f64; 2],
+}
+
+impl ClosedGap {
+    /// Returns whether the repair may close nothing: the interval includes 0, or lies below it.
+    pub fn may_be_nothing(&self) -> bool {
+        self.interval[0] <= 0.0
+    }
 }
 
 /// Evidence of the validation episodes on a further effect, beside the effects that are named already.
@@ -99,6 +117,8 @@ pub enum Objection {
     LittleValidated(f64),
     /// The repair and all alternatives make the validation episodes less likely; the repair by this many nats.
     LessLikely(f64),
+    /// Episodes that no fit has seen show a gap, of which the repair may close nothing.
+    ClosesNothing(ClosedGap),
 }
 
 /// Returns whether one of `count` validation and held-out episodes contradicts the present model, by its p-value.
@@ -152,18 +172,25 @@ impl RepairEvidence {
         if let Some(gain) = self.rival_gain {
             return Some(Objection::Rival(gain));
         }
-        let validation = self.validation.as_ref()?;
-        let share = validation.share_explained.filter(|share| is_left && *share < settings.least_share);
-        if let Some(share) = share {
-            return Some(Objection::LittleValidated(share));
-        }
-        // One alternative that does better may be the true effect.
-        let are_all_less_likely = validation.alternative_losses.iter().all(|l| *l >= settings.least_log_bayes_factor);
-        (validation.is_doubtful(settings) && are_all_less_likely).then(|| Objection::LessLikely(validation.loss()))
+        let refuted = self.validation.as_ref().and_then(|validation| validation.objection(is_left, settings));
+        // An effect that fits and predicts nothing only imitates what is missing.
+        let closes_nothing = || self.closed.iter().copied().find(ClosedGap::may_be_nothing);
+        refuted.or_else(|| closes_nothing().map(Objection::ClosesNothing))
     }
 }
 
 impl ValidationEvidence {
+    /// Reason of these episodes not to name the effects. `is_left` tells that the repair leaves a residual.
+    fn objection(&self, is_left: bool, settings: &Settings) -> Option<Objection> {
+        let share = self.share_explained.filter(|share| is_left && *share < settings.least_share);
+        if let Some(share) = share {
+            return Some(Objection::LittleValidated(share));
+        }
+        // One alternative that does better may be the true effect.
+        let are_all_less_likely = self.alternative_losses.iter().all(|l| *l >= settings.least_log_bayes_factor);
+        (self.is_doubtful(settings) && are_all_less_likely).then(|| Objection::LessLikely(self.loss()))
+    }
+
     /// Loss in log likelihood by the repair, nats.
     fn loss(&self) -> f64 {
         -self.log_likelihood_gain
@@ -193,8 +220,14 @@ mod tests {
             rival_gain: None,
             alternatives: 0,
             first_p_value: None,
+            closed: Vec::new(),
             validation: None,
         }
+    }
+
+    /// Closed share of 0.19 with an interval from `low` to 0.39.
+    fn closed(low: f64) -> ClosedGap {
+        ClosedGap { share: 0.19, interval: [low, 0.39] }
     }
 
     /// Repair that leaves a residual of the fitted episodes.
@@ -312,6 +345,35 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_repair_that_may_close_nothing_of_a_gap_that_no_fit_saw_is_not_named() {
+        let with_closed = |closed: &[ClosedGap], repair| RepairEvidence { closed: closed.to_vec(), ..repair };
+        let alike = RepairEvidence { alternatives: 1, ..repair() };
+        for (rule, repair, expected) in [
+            ("of the validation episodes", with_closed(&[closed(-0.02)], repair()), Verdict::NoneOfThese),
+            (
+                "of the held-out episodes alone",
+                with_closed(&[closed(0.1), closed(0.0)], with(repair(), validation())),
+                Verdict::NoneOfThese,
+            ),
+            ("beside a residual", with_closed(&[closed(-0.02)], partial()), Verdict::NoneOfThese),
+            ("beside alternatives", with_closed(&[closed(-0.02)], alike), Verdict::NoneOfThese),
+            ("but it does", with_closed(&[closed(0.01); 2], with(repair(), validation())), Verdict::Named),
+        ] {
+            let evidence = VerdictEvidence {
+                p_value: 0.05,
+                further: Vec::new(),
+                closes_beyond_prior: false,
+                repair: Some(repair),
+            };
+            assert_eq!(decide(&evidence, &Settings::default()), expected, "{rule}");
+            let narrow = VerdictEvidence { closes_beyond_prior: true, ..evidence.clone() };
+            assert_eq!(decide(&narrow, &Settings::default()), Verdict::PriorTooNarrow, "{rule}");
+            let no_gap = VerdictEvidence { p_value: 0.051, ..evidence };
+            assert_eq!(decide(&no_gap, &Settings::default()), Verdict::NoGap, "{rule}");
+        }
+    }
+
     /// A row a rule. The least log Bayes factor is 3.
     #[test]
     fn a_further_effect_needs_support() {
@@ -345,6 +407,9 @@ mod tests {
         );
         assert_eq!(objection(with(repair(), little)), Some(Objection::LittleValidated(-0.2)));
         assert_eq!(objection(with(repair(), against(vec![4.0]))), Some(Objection::LessLikely(5.0)));
+        let nothing = |repair| RepairEvidence { closed: vec![closed(0.1), closed(-0.02)], ..repair };
+        assert_eq!(objection(nothing(with(repair(), against(vec![4.0])))), Some(Objection::LessLikely(5.0)));
+        assert_eq!(objection(nothing(with(repair(), validation()))), Some(Objection::ClosesNothing(closed(-0.02))));
         assert_eq!(objection(with(repair(), validation())), None);
     }
 }

@@ -21,9 +21,10 @@ pub struct Estimate {
     pub name: String,
     /// Value at the best fit.
     pub value: f64,
-    /// 5 % quantile.
+    /// Lower end of its interval of 90 %, at most the value: the 5 % quantile, or, if the value lies beyond a quantile, the end of
+    /// the shortest interval that contains it.
     pub q05: f64,
-    /// 95 % quantile.
+    /// Upper end of its interval of 90 %, at least the value: the 95 % quantile, or as for the lower end.
     pub q95: f64,
 }
 
@@ -64,6 +65,9 @@ pub struct Finding {
     pub places: Vec<Localisation>,
     /// Parameters at a bound of their prior.
     pub pressing: Vec<String>,
+    /// Values drawn anew for each episode that would have to lie outside of their prior.
+    #[serde(default)]
+    pub pressing_values: Vec<PressingValue>,
     /// Explanations by candidates, alone and together, the most probable first; empty without a gap.
     pub explanations: Vec<Explanation>,
     /// Probability of each candidate to be present, the largest first.
@@ -84,7 +88,7 @@ pub struct Finding {
     pub stand_ins: Vec<StandIn>,
     /// Repaired model.
     pub repaired: Option<Fitness>,
-    /// Trade-offs of the most probable effects.
+    /// Trade-offs of the most probable effects, and of the parameters of the repaired model, or without a gap of the present one.
     pub trade_offs: Vec<TradeOff>,
     /// Likeliest discrepancy of the repaired model, or of the present one, if a residual is left.
     pub discrepancy: Option<Discrepancy>,
@@ -96,6 +100,17 @@ pub struct Finding {
     pub verification: Option<Verification>,
     /// Motion that would separate the explanations.
     pub separation: Option<Separation>,
+}
+
+/// Value of an episode, drawn anew for each, that would have to lie outside of its prior.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PressingValue {
+    /// Name with unit.
+    pub name: String,
+    /// Fitted episode, from 0.
+    pub episode: usize,
+    /// Name of the episode.
+    pub episode_name: String,
 }
 
 /// Effect that stands in for something else.
@@ -144,6 +159,7 @@ impl Finding {
             present,
             places,
             pressing,
+            pressing_values: Vec::new(),
             explanations: Vec::new(),
             presence: Vec::new(),
             left_out: Vec::new(),
@@ -159,6 +175,12 @@ impl Finding {
             verification: None,
             separation: None,
         }
+    }
+
+    /// Parameters at a bound of their prior, and values of episodes that would have to lie beyond it.
+    pub fn pressing_in_words(&self) -> Vec<String> {
+        let value = |v: &PressingValue| format!("{} of {}", v.name, v.episode_name);
+        self.pressing.iter().cloned().chain(self.pressing_values.iter().map(value)).collect()
     }
 
     /// Adds an effect that stands in for something else with the size `value`.

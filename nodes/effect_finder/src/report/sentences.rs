@@ -1,7 +1,7 @@
 //! Sentences of the conclusions of a search.
 
 use super::bands::EpisodeBands;
-use super::decide::{Objection, SupportEvidence};
+use super::decide::{ClosedGap, Objection, SupportEvidence};
 use super::finding::{Estimate, Finding, Fitness};
 use super::further::FurtherTest;
 use super::localisation::{Localisation, Part, onset, worst_quantity};
@@ -168,12 +168,15 @@ pub fn weighed(own: &[Magnitude], elsewhere: Option<&[f64]>, both: &[Magnitude])
     )
 }
 
-/// Trade-off between an effect and another unknown.
+/// Trade-off between an effect and another unknown, or between two parameters.
 pub fn traded(trade_off: &TradeOff) -> String {
-    let [effect, other] = &trade_off.between;
+    let [one, other] = &trade_off.between;
+    if let Some(words) = trade_off.determined([one, other]) {
+        return format!("the recordings {words}");
+    }
     let (correlation, worth) = (trade_off.correlation, 100.0 * trade_off.worth());
     format!(
-        "{effect} and {other} trade off (correlation {correlation:.2}): measuring one of them \
+        "{one} and {other} trade off (correlation {correlation:.2}): measuring one of them \
          reduces the uncertainty of the other by {worth:.0} %"
     )
 }
@@ -191,6 +194,13 @@ pub fn objected(objection: Objection, repair: &Hypothesis, rmse_mm: f64) -> Stri
             format!("they explain {percent:.0} % of the excess residual energy of validation episodes")
         }
         Objection::LessLikely(loss) => format!("they make validation episodes less likely, by {loss:.1} nats"),
+        Objection::ClosesNothing(ClosedGap { share, interval }) => {
+            let [low, high] = interval.map(|end| 100.0 * end);
+            format!(
+                "on the recordings that no fit saw the repair closes {:.0} % of the gap ({low:.0} to {high:.0} %), which may be nothing",
+                100.0 * share
+            )
+        }
     };
     format!("none of these: {reason}")
 }
@@ -241,9 +251,14 @@ pub fn narrow(pressing: &[String], p_value: f64) -> String {
     format!("{} at a bound of the prior; beyond it the gap closes (p = {p_value:.3})", pressing.join(", "))
 }
 
+/// Parameters and values of episodes at a bound of their prior, where opened priors do not close a gap, or none is left.
+pub fn at_bound(pressing: &[String]) -> String {
+    format!("at a bound of the prior, beyond which the best value may lie: {}", pressing.join(", "))
+}
+
 /// Alternatives to a prior that is too narrow.
 pub fn at_the_edge(finding: &Finding) -> String {
-    let pressing = finding.pressing.join(", ");
+    let pressing = finding.pressing_in_words().join(", ");
     match finding.found.as_slice() {
         [] => format!("no effect closes the gap within the prior of {pressing}: widen the prior, and search again"),
         found => {

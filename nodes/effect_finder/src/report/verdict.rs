@@ -15,10 +15,10 @@ pub enum Verdict {
     /// Effects explain the greater part of the gap (perhaps one of several explanations), and a residual is left that
     /// no candidate explains.
     NamedInPart,
-    /// The gap stays: no candidate closes it, the best one is a stand-in, a template explains the data better, or validation
-    /// episodes refute the repair.
+    /// The gap stays: no candidate closes it, the best one is a stand-in, a template explains the data better, or episodes
+    /// that no fit saw refute the repair.
     NoneOfThese,
-    /// The gap closes beyond the prior of a parameter at its bound. Effects that close it within the priors are listed
+    /// The gap closes beyond the prior of a parameter, or of a value of an episode, at its bound. Effects that close it within the priors are listed
     /// as alternatives.
     PriorTooNarrow,
 }

@@ -1,5 +1,6 @@
 //! Value of a repair on episodes that no fit has seen: validation or held-out episodes.
 
+use super::decide::ClosedGap;
 use serde::{Deserialize, Serialize};
 
 /// Scores of predictions.
@@ -18,7 +19,7 @@ pub struct Verification {
     /// Number of episodes.
     pub episodes: usize,
     /// True for validation episodes, which chose between models, so that the scores are somewhat too good. False for held-out
-    /// episodes, which chose nothing.
+    /// episodes, which chose no model.
     pub selects: bool,
     /// Scores of the present model.
     pub before: Score,
@@ -30,7 +31,8 @@ pub struct Verification {
     /// Closed share of the gap in root mean square distance, (before - after) / (before - floor); none if the present
     /// model is at the floor, or if there is no floor.
     pub gap_closed: Option<f64>,
-    /// 5 and 95 % quantiles of the closed share, by a block bootstrap over frames; none if too many draws show no gap.
+    /// 5 and 95 % quantiles of the closed share, by a block bootstrap over frames. None if too many draws show no gap, or if the
+    /// episodes themselves show none: neither model has an excess residual energy, and the repaired one passes its test.
     pub interval: Option<[f64; 2]>,
     /// p-value of the hypothesis that the repaired model, with its posterior, explains the episodes; none if it can
     /// hardly be simulated.
@@ -49,4 +51,11 @@ pub struct Verification {
     pub wrong_effect: Option<(String, Score)>,
     /// Root mean square distance of the present model with the regression of its residual, mm.
     pub black_box_mm: Option<f64>,
+}
+
+impl Verification {
+    /// Closed share of the gap with its interval; none if the episodes show no gap.
+    pub fn closed(&self) -> Option<ClosedGap> {
+        self.gap_closed.zip(self.interval).map(|(share, interval)| ClosedGap { share, interval })
+    }
 }

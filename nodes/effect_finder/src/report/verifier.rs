@@ -107,6 +107,9 @@ impl Verifier<'_> {
             None => self.p_value(after, &second, on_round)?,
         };
         let gap_closed = closed(first.score.rmse_mm, second.score.rmse_mm);
+        let share_explained = share_explained(&first.fits, &second.fits);
+        // If the distances differ from the floor by chance alone, the closed share is a ratio of two noises.
+        let is_gap = share_explained.is_some() || p_value.is_some_and(|p| p <= self.settings.repaired_level);
         let verification = Verification {
             episodes: self.episodes.len(),
             selects: true,
@@ -114,13 +117,13 @@ impl Verifier<'_> {
             after: second.score,
             floor_mm,
             gap_closed,
-            interval: gap_closed.and_then(|_| {
+            interval: gap_closed.filter(|_| is_gap).and_then(|_| {
                 closed_interval(&first.offsets, &second.offsets, &closed, seed::rng(self.settings.seed, STREAMS[2]))
             }),
             p_value,
             null_sets,
             draws_left_out: first.left_out + second.left_out,
-            share_explained: share_explained(&first.fits, &second.fits),
+            share_explained,
             log_likelihood_gain: 0.5 * (first.cost() - second.cost()),
             wrong_effect,
             black_box_mm: self.black_box(before, &first),

@@ -70,18 +70,22 @@ impl Search<'_> {
         }
         self.show_verification(checked, outcome)?;
         if let Some(verification) = &outcome.finding.verification {
+            evidence.closed.extend(verification.closed());
             evidence.validation = Some(self.validation_evidence(verification, [base, &best], &alike)?);
         }
+        if evidence.objection(self.settings).is_none() {
+            let held_out = self.verify_held_out(base, &best, &ranking)?;
+            evidence.closed.extend(held_out.as_ref().and_then(|checked| checked.verification.closed()));
+            self.show_verification(held_out, outcome)?;
+        }
         if let Some(objection) = evidence.objection(self.settings) {
-            if matches!(objection, Objection::LessLikely(_)) {
+            if matches!(objection, Objection::LessLikely(_) | Objection::ClosesNothing(_)) {
                 // The discrepancy of the present model is reported, because the repaired model is discarded.
                 outcome.finding.discrepancy = likeliest_discrepancy(base, baseline);
             }
             self.reporter.conclude(Stage::Verify, sentences::objected(objection, &best, rmse_mm))?;
             return Ok(Explained { repair: Some(evidence), named: None });
         }
-        let held_out = self.verify_held_out(base, &best, &ranking)?;
-        self.show_verification(held_out, outcome)?;
         outcome.finding.separation = self.separation(&alike)?;
         let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
         outcome.model = Some(repaired(self.question.model, &best, &posterior)?);
@@ -113,4 +117,54 @@ impl Search<'_> {
 /// Likeliest discrepancy of a model.
 fn likeliest_discrepancy(model: &Hypothesis, baseline: &Baseline) -> Option<Discrepancy> {
     model.evidence.likeliest().map(|place| baseline.discrepancies[place])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::find::find;
+    use super::super::question::Question;
+    use crate::report::{Finding, Verdict};
+    use crate::settings::Settings;
+    use catenary_core::episode::MeasuredTrack;
+    use catenary_core::seed;
+    use std::ops::ControlFlow;
+    use track_fit::toy::{self, Toy};
+
+    const MASS: &str = "tip_mass_kg";
+    const DRAG: &str = "linear_drag_n_s_m2";
+    const THETA: [f64; 2] = [0.25, 2e4];
+
+    /// Search in an episode with a tip mass, with these effects in a validation episode and in a held-out one.
+    fn found(validation: &[(&str, f64)], held_out: &[(&str, f64)]) -> Finding {
+        let (simulator, model, candidates) = (Toy { gain: 3.0 }, toy::model(), [toy::candidate(MASS)]);
+        let measured = |effects: &[(&str, f64)], stream| {
+            let noisy = toy::episode(&simulator, THETA, effects).measured_anew(&mut seed::rng(61, stream));
+            [MeasuredTrack { track: noisy.measured, ..toy::measured(&simulator, THETA, effects) }]
+        };
+        let (fitted, validation, held_out) =
+            (measured(&[(MASS, 0.02)], 0), measured(validation, 1), measured(held_out, 2));
+        let question = Question {
+            validation: &validation,
+            held_out: &held_out,
+            candidates: &candidates,
+            ..Question::of(&model, &fitted)
+        };
+        let settings = Settings { finer_fidelity: None, draws: 40, starts: 2, null_sets: 99, ..Settings::default() };
+        find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding
+    }
+
+    #[test]
+    fn effects_that_may_close_nothing_of_a_held_out_gap_are_none_of_these() {
+        let mass = [(MASS, 0.02)];
+        let same = found(&mass, &mass);
+        assert_eq!((same.verdict, same.found), (Verdict::Named, vec![vec![MASS.to_owned()]]));
+        assert!(same.verification.is_some_and(|v| !v.selects && v.closed().is_some_and(|c| !c.may_be_nothing())));
+        let other = found(&mass, &[(DRAG, 0.02)]);
+        assert_eq!((other.verdict, other.found.len()), (Verdict::NoneOfThese, 0), "{:?}", other.conclusions);
+        assert_eq!((other.probability_of_unknown, other.presence[0].probability), (1.0, 0.0));
+        let told = |s: &&String| s.starts_with("none of these: on the recordings that no fit saw the repair closes -");
+        let said = other.conclusions.iter().find(told).unwrap_or_else(|| panic!("{:?}", other.conclusions));
+        assert!(said.ends_with(" %), which may be nothing"), "{said}");
+        assert!(other.separation.is_none() && other.discrepancy.is_some());
+    }
 }

@@ -8,8 +8,8 @@ use super::question::Question;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Detection, Effort, Hypothesis};
 use crate::report::{
-    Finding, Fitness, FurtherTest, Outcome, Verdict, VerdictEvidence, index_among_all, join, limits, localise,
-    sentences,
+    Finding, Fitness, FurtherTest, Outcome, PressingValue, Verdict, VerdictEvidence, index_among_all, join, limits,
+    localise, sentences, trade_offs,
 };
 use crate::settings::Settings;
 use catenary_core::DifferentiableSimulator;
@@ -87,6 +87,7 @@ struct Tested {
     detection: Detection,
     fitness: Fitness,
     pressing: Vec<String>,
+    pressing_values: Vec<PressingValue>,
     is_gap: bool,
 }
 
@@ -108,7 +109,7 @@ impl Search<'_> {
     fn test_present(&mut self, fit: Fit, correction: FidelityCorrection) -> Result<Tested, FinderError> {
         let agreement = self.agreement(self.problem, &fit)?;
         self.reporter.conclude(Stage::Calibrate, sentences::fitted(&agreement.estimates, agreement.rmse_mm))?;
-        let pressing = self.pressing(&fit);
+        let (pressing, pressing_values) = (self.pressing(&fit), self.pressing_values(&fit));
         let detection = self.detect(self.problem, &fit, 0, Stage::Detect)?;
         let fitness = agreement.with(&detection);
         let is_gap = fitness.test.p_value <= self.settings.level;
@@ -124,16 +125,17 @@ impl Search<'_> {
             effort: Effort::Searched,
             spread: Vec::new(),
         };
-        Ok(Tested { base, baseline, detection, fitness, pressing, is_gap })
+        Ok(Tested { base, baseline, detection, fitness, pressing, pressing_values, is_gap })
     }
 
     /// Explains the residual of the tested model. `further` are its p-values on validation and held-out episodes.
     fn explain_tested(mut self, tested: Tested, further: Vec<f64>) -> Result<Outcome, FinderError> {
-        let Tested { base, baseline, detection, fitness, pressing, is_gap } = tested;
+        let Tested { base, baseline, detection, fitness, pressing, pressing_values, is_gap } = tested;
         let p_value = fitness.test.p_value;
         let places = localise(&base.fit, &self.problem.channels(), &detection);
         let mut outcome =
             Outcome { finding: Finding::without_gap(fitness, places, pressing), model: None, shown: Vec::new() };
+        outcome.finding.pressing_values = pressing_values;
         if let Some(doubt) = sentences::noise_doubt(&outcome.finding.present.test) {
             self.reporter.conclude(Stage::Detect, format!("warning: {doubt}"))?;
             outcome.finding.noise_doubt = Some(doubt);
@@ -150,9 +152,19 @@ impl Search<'_> {
                 .conclude(Stage::Localise, sentences::located(&outcome.finding.places, self.settings.level, &names))?;
             closes_beyond_prior = self.closes_with_open_priors(&base.fit, &outcome.finding, &detection)?;
         }
+        let at_bound = outcome.finding.pressing_in_words();
+        // A prior that is too narrow is told already.
+        if !at_bound.is_empty() && !closes_beyond_prior {
+            self.reporter.conclude(Stage::Localise, sentences::at_bound(&at_bound))?;
+        }
         let Explained { repair, named } = if is_gap {
             self.explain(&base, &baseline, &mut outcome)?
         } else {
+            // Without a gap the estimates of the present model are the result, and hold with these doubts.
+            outcome.finding.trade_offs = trade_offs(&base);
+            for trade_off in &outcome.finding.trade_offs {
+                self.reporter.conclude(Stage::Localise, sentences::traded(trade_off))?;
+            }
             outcome.shown = self.bands(&base, None)?;
             Explained { repair: None, named: None }
         };
@@ -175,7 +187,8 @@ mod tests {
     use super::*;
     use crate::report::{Verdict, sentences};
     use catenary_core::episode::MeasuredTrack;
-    use catenary_core::{Fidelity, Prior, seed};
+    use catenary_core::simulator::{SimulatorError, TrackSensitivities};
+    use catenary_core::{Fidelity, ParameterSpace, Prior, SimulationRequest, Simulator, Track, seed};
     use std::ops::ControlFlow;
     use track_fit::data::Candidate;
     use track_fit::toy::twisted::coarse;
@@ -183,6 +196,7 @@ mod tests {
 
     const MASS: &str = "tip_mass_kg";
     const DRAG: &str = "linear_drag_n_s_m2";
+    const TOY: Toy = Toy { gain: 3.0 };
 
     /// The measurement holds the error of the coarse simulation, which hides a gap.
     #[test]
@@ -220,6 +234,70 @@ mod tests {
             (found.verdict, found.conclusions[0].clone()),
             (Verdict::NoGap, sentences::finer(Fidelity::FineMesh))
         );
+    }
+
+    /// Toy in which the parameters act only by the quotient of the second and the first.
+    struct Quotient(Toy);
+
+    impl Quotient {
+        const LENGTH_M: f64 = 0.25;
+
+        fn plain(request: &SimulationRequest) -> SimulationRequest {
+            let mut plain = request.clone();
+            plain.thetas.iter_mut().for_each(|t| *t = vec![Self::LENGTH_M, t[1] / t[0] * Self::LENGTH_M]);
+            plain
+        }
+    }
+
+    impl Simulator for Quotient {
+        fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+            self.0.simulate(&Self::plain(request))
+        }
+    }
+
+    impl DifferentiableSimulator for Quotient {
+        fn sensitivities(
+            &self,
+            request: &SimulationRequest,
+            names: &[&str],
+        ) -> Result<Vec<TrackSensitivities>, SimulatorError> {
+            let by_quotient = vec!["youngs_modulus_pa"; names.len()];
+            let mut all = self.0.sensitivities(&Self::plain(request), &by_quotient)?;
+            for (one, theta) in all.iter_mut().zip(&request.thetas) {
+                for (name, frames) in names.iter().zip(&mut one.derivatives) {
+                    let factor = match *name {
+                        "length_m" => -theta[1] / theta[0].powi(2) * Self::LENGTH_M,
+                        _ => Self::LENGTH_M / theta[0],
+                    };
+                    frames.iter_mut().flat_map(|by| by.dlo.iter_mut().flatten()).for_each(|v| *v *= factor);
+                }
+            }
+            Ok(all)
+        }
+    }
+
+    #[test]
+    fn parameters_that_act_only_by_their_quotient_are_told_without_a_gap() {
+        let (mut model, simulator) = (toy::model(), Quotient(TOY));
+        let mut parameters = model.theta.parameters().to_vec();
+        parameters[0].prior = Prior::LogUniform { low: 0.2, high: 0.3 };
+        model.theta = ParameterSpace::new(parameters).unwrap();
+        let found = |simulator: &dyn DifferentiableSimulator| {
+            let noisy = toy::episode(&TOY, [0.25, 2e4], &[]).measured_anew(&mut seed::rng(81, 0));
+            let measured = [MeasuredTrack { track: noisy.measured, ..toy::measured(&TOY, [0.25, 2e4], &[]) }];
+            let settings =
+                Settings { finer_fidelity: None, draws: 40, starts: 2, null_sets: 99, ..Settings::default() };
+            let question = Question::of(&model, &measured);
+            find(question, simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding
+        };
+        let finding = found(&simulator);
+        let [one] = finding.trade_offs.try_into().unwrap();
+        let combination = one.combination.clone().unwrap();
+        assert_eq!((finding.verdict, combination.exponent), (Verdict::NoGap, -1.0), "{one:?}");
+        assert!(combination.relative_sd < 0.02 && combination.alone.iter().all(|sd| *sd > 0.05), "{one:?}");
+        let told = "the recordings determine length_m / youngs_modulus_pa to ";
+        assert!(finding.conclusions.iter().any(|s| s.starts_with(told)), "{:?}", finding.conclusions);
+        assert_eq!(found(&simulator.0).trade_offs, [], "each acts by itself");
     }
 
     /// Search in data of an object with the `hidden` effects. The tip mass ends at 0.03, the drag at `most`, with a

@@ -16,7 +16,7 @@ pub struct Question<'a> {
     /// Validation episodes, which no fit sees, and which choose between models; may be empty. Without them no further effect
     /// is added to a first one.
     pub validation: &'a [MeasuredTrack],
-    /// Held-out episodes, which choose nothing and verify the result; may be empty.
+    /// Held-out episodes, which choose no model, and verify or refute the result; may be empty.
     pub held_out: &'a [MeasuredTrack],
     /// Effects that the model may lack.
     pub candidates: &'a [Candidate],

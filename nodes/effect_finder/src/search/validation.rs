@@ -1,5 +1,5 @@
 //! Validation episodes, which no fit sees and which choose between models: verification of a repair, and evidence for its
-//! verdict. Held-out episodes, which choose nothing, verify the result.
+//! verdict. Held-out episodes, which choose no model, verify the result, and may refute it.
 
 use super::context::{Best, Checked, Named, Search};
 use super::progress::Stage;
@@ -31,6 +31,7 @@ impl<'a> Search<'a> {
             rival_gain,
             alternatives,
             first_p_value: checked.and_then(|c| c.verification.p_value),
+            closed: Vec::new(),
             validation: None,
         }
     }
@@ -59,7 +60,8 @@ impl<'a> Search<'a> {
         self.verify_on(self.validation, base, best, ranking, known)
     }
 
-    /// Verification on the held-out episodes, with their predictive bands; none without such episodes. They choose nothing.
+    /// Verification on the held-out episodes, with their predictive bands; none without such episodes. They choose
+    /// no model.
     pub(super) fn verify_held_out(
         &mut self,
         base: &Hypothesis,
@@ -220,6 +222,7 @@ mod tests {
                     rival_gain: None,
                     alternatives: alike.len() - 1,
                     first_p_value: None,
+                    closed: Vec::new(),
                     validation,
                 };
                 match fitted.objection(&settings) {

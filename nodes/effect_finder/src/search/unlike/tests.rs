@@ -135,6 +135,19 @@ fn episodes_that_agree_stay_for_validation() {
     }
 }
 
+/// The effect does not act in the validation episode, whose distances differ from the noise floor by chance alone.
+#[test]
+fn validation_episodes_without_a_gap_say_nothing_of_a_repair() {
+    for number in 6..12 {
+        let [first, second, touching, other] = [(1, false), (3, false), (2, true), (number, false)]
+            .map(|(number, touches)| measured(&WALL, number, 0.25, 0.003, touches));
+        let finding = found(&WALL, [&[first, second, touching], &[other], &[]]);
+        assert_eq!(finding.verdict, Verdict::Named, "{number}: {:?}", finding.conclusions);
+        let verification = finding.verification.unwrap();
+        assert_eq!(verification.closed(), None, "{number}: {verification:?}");
+    }
+}
+
 #[test]
 fn no_gap_tells_that_the_further_episodes_agree() {
     let [free, second, third] = [1, 6, 7].map(|number| measured(&WALL, number, 0.25, 0.05, false));
