@@ -26,7 +26,7 @@ def originals(program, tmp_path_factory):
     """Folder with a policy that corrects a plan, and a posterior whose support moved."""
     folder = tmp_path_factory.mktemp("originals")
     program.text("train", "--model", MODEL, "--task", "place_tip", "--out", "policy", "--steps", 768, folder=folder)
-    sizes = ("--iterations", 2, "--simulations", 150, "--prior-support", "adaptive")
+    sizes = ("--preset", "networks", "--iterations", 2, "--simulations", 150, "--prior-support", "adaptive")
     done = program("infer", BAG, "--model", MODEL, "--out", "out", *sizes, folder=folder)
     assert done.returncode in (0, 3), done.stderr
     return folder

@@ -18,7 +18,7 @@ from support.program import BAG, MODEL
 INPUTS = pathlib.Path(os.environ.get("CATENARY_DATA", "nowhere")) / "failing_inputs"
 needs_inputs = pytest.mark.skipif(not INPUTS.is_dir(), reason="CATENARY_DATA names no folder with failing_inputs")
 # Small sizes with which a sound recording still gets a posterior that fits.
-QUICK = ("--iterations", 1, "--simulations", 60)
+QUICK = ("--preset", "networks", "--iterations", 1, "--simulations", 60)
 POSE, KEYPOINTS, EVENT = "/panda/current_pose", "/dlo/keypoints", "/episode/event"
 # Exit code of a result that does not fit the recording.
 MISFIT = 3
@@ -59,7 +59,7 @@ def refused(done, *says):
 
 @needs_inputs
 def test_one_impossible_pose_is_left_out_with_a_warning(program, info, tmp_path):
-    sizes = ("--iterations", 2, "--simulations", 300)
+    sizes = ("--preset", "networks", "--iterations", 2, "--simulations", 300)
     report = program.json("infer", "--bag", INPUTS / "pose_zero_one", "--model", MODEL, "--out", tmp_path, *sizes, seconds=300)
     length = report["marginals"][0]
     assert length["q05"] < 0.243 < length["q95"] and report["predictive"]["rmse_mm"] < 20 and report["fits"]

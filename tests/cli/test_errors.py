@@ -200,7 +200,7 @@ def test_a_truncated_bag_is_named_with_its_remaining_content(refused, tmp_path, 
 
 
 def test_a_truncated_bag_is_read_up_to_its_last_complete_chunk(program, tmp_path):
-    sizes = ("--iterations", 1, "--simulations", 40)
+    sizes = ("--preset", "networks", "--iterations", 1, "--simulations", 40)
     done = program("infer", "--bag", cut(tmp_path, 0.9), "--model", MODEL, "--out", "x", *sizes, folder=tmp_path)
     assert done.returncode == 0, done.stderr
 

@@ -80,7 +80,7 @@ def test_a_node_lists_its_parameters(run):
 
 
 def test_an_inference_is_json(run, tmp_path):
-    arguments = ("--bag", BAG, "--model", MODEL, "--out", "out", "--iterations", 1, "--simulations", 40, "--json")
+    arguments = ("--bag", BAG, "--model", MODEL, "--out", "out", "--preset", "networks", "--iterations", 1, "--simulations", 40, "--json")
     report = json.loads(run("infer", *arguments))
     assert [m["name"] for m in report["marginals"]] == ["length_m", "youngs_modulus_pa"]
     for marginal, (low, high) in zip(report["marginals"], ((0.195, 0.305), (1e3, 5e4))):
@@ -90,6 +90,26 @@ def test_an_inference_is_json(run, tmp_path):
     *_, words, page = run("infer", *arguments[:-1]).splitlines()
     assert page == "report: out/report.html" and (tmp_path / "out/report.html").exists()
     assert re.fullmatch(r"40 simulations; [\d.]+ s: simulation [\d.]+ s, training and the rest [\d.]+ s", words), words
+
+
+def test_an_inference_tells_its_refinement(run, tmp_path):
+    arguments = ("--bag", BAG, "--model", MODEL, "--out", "out", "--iterations", 1, "--simulations", 40)
+    words = run("infer", *arguments)
+    report = json.loads((tmp_path / "out/inference.json").read_text())
+    found = report["refinement"]
+    assert [(value["name"], value["episode"]) for value in found["best_fit"]][:3] == [
+        ("length_m", None),
+        ("youngs_modulus_pa", None),
+        ("kelvin_voigt_time_s", 1),
+    ]
+    (line,) = (line for line in words.splitlines() if line.startswith("refined with the simulator: "))
+    off = [f"the best fit is {found['best_fit_rmse_mm']:.1f} mm off", f"the networks' posterior is {found['networks_rmse_mm']:.1f} mm off"]
+    assert all(part in line for part in off), line
+    # The swing of the sample is a rigid pendulum's, which no soft bar makes.
+    assert found["best_fit_rmse_mm"] < found["networks_rmse_mm"] and found["noise_inflation"] > 1
+    assert any("times the noise that the model file states" in warning for warning in report["warnings"])
+    assert f"{40 + found['simulations']} simulations; " in words
+    assert "The posterior was refined with the simulator itself" in (tmp_path / "out/report.html").read_text()
 
 
 def test_networks_of_sets_do_not_see_the_order_of_keypoints(run):

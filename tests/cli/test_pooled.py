@@ -5,7 +5,7 @@ import pytest
 from support.program import MODEL
 
 # The gain varies from seed to seed; tests in nodes/bayes_sim measure it over many.
-SIZES = ("--iterations", 6, "--simulations", 100, "--seed", 2)
+SIZES = ("--preset", "networks", "--iterations", 6, "--simulations", 100, "--seed", 2)
 
 
 @pytest.fixture(scope="module")

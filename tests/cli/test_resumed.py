@@ -9,7 +9,7 @@ from support.program import BAG, MODEL
 from support.waiting import wait_for
 
 # Five iterations: the kill comes after the first. With fewer simulations the made-up recording is said to fit nothing.
-SIZES = ["--iterations", "5", "--simulations", "150"]
+SIZES = ["--preset", "networks", "--iterations", "5", "--simulations", "150"]
 
 
 @pytest.fixture

@@ -100,7 +100,7 @@ def test_the_bag_holds_transforms_of_hand_and_camera_and_the_answer_to_each_targ
 
 def test_inference_reads_the_bag(program, report, folder):
     report(*ONE, "--out", "bag", "--noise", "--seed", 3)
-    sizes = ["--iterations", 1, "--simulations", 40]
+    sizes = ["--preset", "networks", "--iterations", 1, "--simulations", 40]
     said = program.json("infer", "--bag", "bag", "--model", MODEL, "--out", "out", *sizes, folder=folder)
     assert said["frames"] == 9
 

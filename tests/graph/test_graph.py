@@ -221,7 +221,7 @@ def test_the_recording_states_qos_and_hashes(graph, episode):
 
 
 def test_the_recording_can_be_inferred_from(graph, episode):
-    sizes = ("--iterations", 1, "--simulations", 40, "--out", graph.folder / "inferred", "--json")
+    sizes = ("--preset", "networks", "--iterations", 1, "--simulations", 40, "--out", graph.folder / "inferred", "--json")
     done = graph.run("infer", "--bag", episode[2], "--model", MODEL, *sizes)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)

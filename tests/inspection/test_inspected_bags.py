@@ -96,7 +96,7 @@ def test_the_posterior_of_a_file_agrees_with_the_inference(program, bag, figures
         text = text.replace(shipped, other)
     model = tmp_path / "model.yaml"
     model.write_text(text)
-    sizes = ("--iterations", 1, "--simulations", 60, "--out", tmp_path / "out", "--json")
+    sizes = ("--preset", "networks", "--iterations", 1, "--simulations", 60, "--out", tmp_path / "out", "--json")
     done = program("infer", "--bag", bag, "--model", model, *sizes)
     # Exit code 3: a posterior of 60 simulations is rough and may not fit the recording.
     assert done.returncode in (0, 3), done.stderr

@@ -3,7 +3,7 @@
 from support.bags import copied
 from support.program import BAG, MODEL
 
-SIZES = ("--iterations", 3, "--simulations", 40, "--seed", 7)
+SIZES = ("--preset", "networks", "--iterations", 3, "--simulations", 40, "--seed", 7)
 
 
 def test_a_bag_written_by_rosbags_gives_the_same_posterior(program, tmp_path):

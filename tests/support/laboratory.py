@@ -50,7 +50,7 @@ class Laboratory:
     def ask(self, iterations=1, simulations=200, seed=3, name="ask"):
         """Starts an inference; returns the process of the command."""
         root = self.session.root
-        sizes = ("--iterations", iterations, "--simulations", simulations, "--seed", seed)
+        sizes = ("--preset", "networks", "--iterations", iterations, "--simulations", simulations, "--seed", seed)
         files = ("--bag", root / "bags/swing", "--model", root / MODEL, "--out", self.session.folder / name)
         command = (PROGRAM, "infer", "--node", "--wait-s", 30, *files, *sizes, "--json")
         return self.session.start_script(*self.hosts.on(0, *command), name=name)

@@ -187,7 +187,7 @@ pub fn infer(
 /// Refined posterior, or the reason why there is none.
 ///
 /// # Errors
-/// [`InferenceError`] if the caller cancels, or the simulator fails.
+/// [`InferenceError::Cancelled`].
 fn refined(
     model: &Model,
     measured: &[MeasuredTrack],
@@ -201,7 +201,7 @@ fn refined(
     match refine(model, measured, networks, settings, simulator, &mut on_share) {
         Ok(refined) => Ok(Ok(refined)),
         Err(FitError::Cancelled) => Err(InferenceError::Cancelled { simulations }),
-        Err(FitError::Simulator(error)) => Err(error.into()),
+        // A simulator of another maker may serve the networks and not know what a fit asks for.
         Err(reason) => Ok(Err(reason.to_string())),
     }
 }

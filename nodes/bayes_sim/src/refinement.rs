@@ -24,6 +24,8 @@ const STREAM: u64 = 104;
 const FROM_NETWORKS: usize = 64;
 /// Draws of the priors, and of the neighbourhood of the networks' draws, among which fits start.
 const FROM_PRIORS: usize = 128;
+/// Points of which one must be simulated.
+const PROBES: usize = 3;
 /// Fits.
 const STARTS: usize = 8;
 /// Rounds of a fit.
@@ -123,7 +125,7 @@ pub struct Refined {
 /// may stop the refinement.
 ///
 /// # Errors
-/// [`FitError`]: the model states no noise, no start can be simulated, or `on_share` breaks.
+/// [`FitError`]: the model states no noise, nothing can be simulated, or `on_share` breaks.
 pub fn refine(
     model: &Model,
     measured: &[MeasuredTrack],
@@ -155,6 +157,8 @@ pub fn refine(
     let outside = |reason| FitError::NoFit(format!("the networks' posterior: {reason}"));
     let thetas = networks.sample(FROM_NETWORKS, seed).map_err(outside)?;
     let known: Vec<Vec<f64>> = thetas.iter().map(|theta| point_of(&problem, theta)).collect();
+    // A simulator that cannot set what a model draws for each episode refuses each point: the first few tell.
+    first_simulated(&problem, &known)?;
     let networks_rmse_mm = mean_rmse_mm(&problem, &known, &model);
     let modes = modes(&problem, known, &of_fits, &mut on_round)?;
     let (corrected, modes, is_corrected) = corrected(&problem, modes, of_fits.finer_fidelity, &mut on_round)?;
@@ -231,6 +235,18 @@ fn point_of(problem: &Problem<'_>, theta: &[f64]) -> Vec<f64> {
         point[unknowns.column(i, 0)] = unknown.prior.to_unit(*value).clamp(0.0, 1.0);
     }
     point
+}
+
+/// Returns the error of the simulator if it can simulate none of the first points.
+fn first_simulated(problem: &Problem<'_>, points: &[Vec<f64>]) -> Result<(), FitError> {
+    let mut refusal = None;
+    for point in points.iter().take(PROBES) {
+        match problem.tracks(&[point]) {
+            Ok(_) => return Ok(()),
+            Err(error) => refusal = Some(error),
+        }
+    }
+    refusal.map_or(Ok(()), |error| Err(error.into()))
 }
 
 /// Root mean square distance of the mean of the tracks at these points from the measured ones, mm; none if no point can be
@@ -443,6 +459,23 @@ mod tests {
         assert!((refinement.noise_inflation / 16.0 - 1.0).abs() < 0.3, "{}", refinement.noise_inflation);
         assert!((stated_too_low / right - 1.0).abs() < 0.2, "{stated_too_low} {right}");
         assert!(refinement.warnings(None)[0].contains("times the noise that the model file states"));
+    }
+
+    /// Simulator that counts its requests and refuses them.
+    struct Refusing(Cell<usize>);
+
+    impl Simulator for Refusing {
+        fn simulate(&self, _: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
+            self.0.set(self.0.get() + 1);
+            Err(SimulatorError::Input("camera_scale_change: unknown".into()))
+        }
+    }
+
+    #[test]
+    fn a_simulator_that_refuses_is_not_asked_a_hundred_times() {
+        let (model, refusing) = (model(), Refusing(Cell::new(0)));
+        let Err(refusal) = refined(&model, &refusing, &noisy(&Toy { gain: 0.1 }, 7)) else { panic!("refined") };
+        assert!(refusal.to_string().contains("camera_scale_change") && refusing.0.get() == PROBES, "{refusal}");
     }
 
     #[test]

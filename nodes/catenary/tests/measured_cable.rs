@@ -68,8 +68,8 @@ fn the_small_motion_leaves_the_stiffness_open() {
     let Some(report) = inferred("moving_grip_bare.csv") else { return };
     let [low, high] = interval(&report, "bending_stiffness_n_m2");
     assert!(
-        low < 0.072 && high > 0.144,
-        "{low} to {high} N m^2 excludes values that the swing and the published fits allow"
+        low < 0.13 && high > 0.144 && high > 2.0 * low,
+        "{low} to {high} N m^2: expected it open, with the 0.13 of the swing and the 0.144 of a published fit in it"
     );
     let (rmse_mm, coverage) = (&report["predictive"]["rmse_mm"], &report["predictive"]["coverage"]);
     assert!(rmse_mm.as_f64().unwrap() < 10.0, "{rmse_mm} mm");

@@ -15,7 +15,7 @@ use rand_distr::{Distribution, StandardNormal};
 /// Share of the walkers that still count after a step of the power.
 const KEPT: f64 = 0.5;
 /// Moves of each walker after a step, and most moves while few are accepted.
-const MOVES: usize = 2;
+const MOVES: usize = 3;
 const MOST_MOVES: usize = 5;
 /// Share of accepted moves under which more follow.
 const FEW: f64 = 0.15;
@@ -51,7 +51,8 @@ pub fn annealed(
         ensemble.walkers = chosen.iter().map(|i| ensemble.walkers[*i].clone()).collect();
         ensemble.likelihoods = chosen.iter().map(|i| ensemble.likelihoods[*i]).collect();
         ensemble.power = power;
-        ensemble.learn(modes);
+        let walkers = ensemble.walkers.clone();
+        ensemble.learn(&walkers, modes);
         for moves in 1..=MOST_MOVES {
             let accepted = ensemble.step(scores, rng, on_round)?;
             if moves >= MOVES && f64::from(accepted) >= FEW * count as f64 {

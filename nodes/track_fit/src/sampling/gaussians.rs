@@ -9,6 +9,10 @@ use rand::{Rng, RngExt};
 const COMPONENTS: [usize; 6] = [1, 2, 3, 4, 6, 8];
 /// Rounds of an expectation-maximisation.
 const ROUNDS: usize = 40;
+/// Fits from different clusters.
+const TRIES: usize = 3;
+/// Rounds of the clustering.
+const CLUSTERINGS: usize = 10;
 /// Distance from a face of the cube within which draws are mirrored at a face that they press on. It also bounds the mass of
 /// the mixture outside of the cube.
 const MARGIN: f64 = 0.25;
@@ -85,15 +89,32 @@ struct Gaussians {
 }
 
 impl Gaussians {
-    /// Fit by expectation-maximisation from random draws as means; none if a covariance has no Cholesky factor.
+    /// Best of several fits by expectation-maximisation; none if a covariance has no Cholesky factor.
     fn fitted(points: &[DVector<f64>], k: usize, rng: &mut impl Rng) -> Option<Self> {
+        // One component has one fit.
+        let tries = if k == 1 { 1 } else { TRIES };
+        let fits = (0..tries).filter_map(|_| Self::fitted_once(points, k, rng));
+        let scored = fits.map(|fit| (points.iter().map(|x| fit.log_density(x)).sum::<f64>(), fit));
+        scored.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, fit)| fit)
+    }
+
+    /// Fit from the clusters of random means.
+    fn fitted_once(points: &[DVector<f64>], k: usize, rng: &mut impl Rng) -> Option<Self> {
         let n = points.len() as f64;
         let d = points.first()?.len();
         let mean = points.iter().fold(DVector::zeros(d), |sum, x| sum + x) / n;
         let common = points.iter().fold(DMatrix::zeros(d, d), |sum, x| sum + (x - &mean) * (x - &mean).transpose()) / n;
         let means = spread_out(points, k, &common, rng);
-        let first = &common / (k as f64).powf(2.0 / d as f64);
-        let mut own = Self::new(vec![1.0 / k as f64; k], means, vec![first; k])?;
+        let mut covariances = vec![&common * (0.1 * d as f64); k];
+        let mut counts = vec![d as f64; k];
+        for x in points {
+            let i = nearest(x, &means, &common);
+            covariances[i] += (x - &means[i]) * (x - &means[i]).transpose();
+            counts[i] += 1.0;
+        }
+        covariances.iter_mut().zip(&counts).for_each(|(c, count)| *c /= *count);
+        let whole: f64 = counts.iter().sum();
+        let mut own = Self::new(counts.iter().map(|count| count / whole).collect(), means, covariances)?;
         for _ in 0..ROUNDS {
             own = own.improved(points, &common)?;
         }
@@ -166,22 +187,42 @@ impl Gaussians {
     }
 }
 
-/// Means far from each other in the common covariance: each next one is drawn with a probability that grows with its squared
-/// distance from those before (Arthur and Vassilvitskii 2007).
+/// Squared distance in standard deviations of all points, coordinate by coordinate.
+fn squared(a: &DVector<f64>, b: &DVector<f64>, common: &DMatrix<f64>) -> f64 {
+    (0..a.len()).map(|i| (a[i] - b[i]).powi(2) / common[(i, i)].max(LEAST_SD * LEAST_SD)).sum()
+}
+
+/// Index of the mean nearest to a point.
+fn nearest(x: &DVector<f64>, means: &[DVector<f64>], common: &DMatrix<f64>) -> usize {
+    let distance = |i: &usize| squared(x, &means[*i], common);
+    (0..means.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
+}
+
+/// Means of clusters (Lloyd 1982), which begin far from each other: each next one is drawn with a probability that grows
+/// with its squared distance from those before (Arthur and Vassilvitskii 2007).
 fn spread_out(points: &[DVector<f64>], k: usize, common: &DMatrix<f64>, rng: &mut impl Rng) -> Vec<DVector<f64>> {
-    let scales: Vec<f64> = common.diagonal().iter().map(|v| v.max(LEAST_SD * LEAST_SD)).collect();
-    let squared = |a: &DVector<f64>, b: &DVector<f64>| (a - b).iter().zip(&scales).map(|(v, s)| v * v / s).sum::<f64>();
     let mut means = vec![points[rng.random_range(0..points.len())].clone()];
-    let mut nearest = vec![f64::INFINITY; points.len()];
+    let mut shares = vec![f64::INFINITY; points.len()];
     while means.len() < k {
         let newest = &means[means.len() - 1];
-        nearest.iter_mut().zip(points).for_each(|(least, x)| *least = least.min(squared(x, newest)));
-        let mut left = rng.random::<f64>() * nearest.iter().sum::<f64>();
-        let chosen = nearest.iter().position(|share| {
+        shares.iter_mut().zip(points).for_each(|(least, x)| *least = least.min(squared(x, newest, common)));
+        let mut left = rng.random::<f64>() * shares.iter().sum::<f64>();
+        let chosen = shares.iter().position(|share| {
             left -= share;
             left < 0.0
         });
         means.push(points[chosen.unwrap_or(0)].clone());
+    }
+    for _ in 0..CLUSTERINGS {
+        let (mut sums, mut counts) = (vec![DVector::zeros(common.nrows()); k], vec![0.0; k]);
+        for x in points {
+            let i = nearest(x, &means, common);
+            sums[i] += x;
+            counts[i] += 1.0;
+        }
+        // A cluster without points stays where it was.
+        let own = sums.into_iter().zip(&counts).zip(&means);
+        means = own.map(|((sum, count), old)| if *count > 0.0 { sum / *count } else { old.clone() }).collect();
     }
     means
 }
