@@ -99,7 +99,9 @@ def test_a_model_that_is_off_is_named_with_keypoint_time_and_share_in_the_band(p
             message.pose.position.x += 0.08
 
     bag, out = rewritten(tmp_path / "bag", displaced), tmp_path / "out"
-    done = program("infer", bag, "--model", MODEL, "--out", out, "--preset", "networks", "--iterations", 2, "--simulations", 200, "--json", seconds=300)
+    done = program(
+        "infer", bag, "--model", MODEL, "--out", out, "--preset", "networks", "--iterations", 2, "--simulations", 200, "--json", seconds=300
+    )
     report = json.loads(done.stdout)
     (warning,) = (w for w in report["warnings"] if w.startswith("the model reproduces the recording poorly: RMSE"))
     parts = report["predictive"]["parts"]

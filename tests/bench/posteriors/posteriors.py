@@ -57,7 +57,8 @@ class Simulator:
 
     def __init__(self, bag, model, corrected_at):
         command = [PROGRAM, "bench", "costs", "--bag", bag, "--model", model, "--corrected-at", corrected_at]
-        self.process = subprocess.Popen([*map(str, command)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        self.process = subprocess.Popen([*map(str, command)], text=True, **pipes)
         self.head = json.loads(self.process.stdout.readline())
         self.columns, self.count = len(self.head["names"]), 0
 
@@ -164,7 +165,7 @@ def cable_model(path, length_m, diameter_m, mass_kg):
 
 def quantile(prior, u):
     """Value of a prior at the share u."""
-    (kind, bounds), = prior.items()
+    ((kind, bounds),) = prior.items()
     low, high = bounds["low"], bounds["high"]
     return low * (high / low) ** u if kind == "log_uniform" else low + u * (high - low)
 
@@ -232,7 +233,7 @@ def row_of(name, bag, model, out, steps, seed=1):
         "wall_s": answer["wall_s"],
         "inflation": own["noise_inflation"],
         "modes": own["modes"],
-        "effective": own["effective_sample_size"],
+        "steps": own["steps"],
         "drift": own["drift"],
         "autocorrelation": time,
         "points": simulator.count,
@@ -240,7 +241,7 @@ def row_of(name, bag, model, out, steps, seed=1):
 
 
 def text(rows):
-    forms = {"case": "{}", "wall_s": "{:.0f}", "modes": "{}", "effective": "{:.0f}", "points": "{}", "autocorrelation": "{:.0f}"}
+    forms = {"case": "{}", "wall_s": "{:.0f}", "modes": "{}", "steps": "{}", "points": "{}", "autocorrelation": "{:.0f}"}
     cell = lambda key, value: "-" if value is None else forms.get(key, "{:.2f}").format(value)
     lines = [list(rows[0])] + [[cell(key, value) for key, value in row.items()] for row in rows]
     return "\n".join("  ".join(f"{cell:>15}" for cell in line) for line in lines)
