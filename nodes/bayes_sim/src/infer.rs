@@ -52,7 +52,7 @@ pub struct InferenceResult {
 }
 
 impl InferenceResult {
-    /// Total number of simulations, without those of the predictive check.
+    /// Number of simulations of the networks, without those of the refinement and of the predictive check.
     pub fn simulations(&self) -> usize {
         self.iterations.last().map_or(0, |i| i.simulations)
     }

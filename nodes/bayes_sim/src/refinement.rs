@@ -6,6 +6,7 @@
 //! file: independent Gaussian noise of `camera.keypoint_noise_px` on each keypoint coordinate.
 
 use crate::diagnostics::{self, PredictiveCheck, Unchecked};
+use crate::sequential::PART;
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::Until;
@@ -31,7 +32,7 @@ const STARTS: usize = 8;
 /// Rounds of a fit.
 const ROUNDS: usize = 40;
 /// Change of a mean over the last block of moves, in standard deviations, above which the draws have not settled.
-const UNSETTLED: f64 = 0.5;
+const UNSETTLED: f64 = 0.25;
 /// Share of accepted moves under which the draws have hardly moved.
 const STUCK: f64 = 0.02;
 /// Share of the likelihood's noise that a better fit must leave for another sampling.
@@ -159,14 +160,17 @@ pub fn refine(
     let known: Vec<Vec<f64>> = thetas.iter().map(|theta| point_of(&problem, theta)).collect();
     // A simulator that cannot set what a model draws for each episode refuses each point: the first few tell.
     first_simulated(&problem, &known)?;
-    let networks_rmse_mm = mean_rmse_mm(&problem, &known, &model);
+    let networks_rmse_mm = mean_rmse_mm(&problem, &known, &model, &mut on_round)?;
     let modes = modes(&problem, known, &of_fits, &mut on_round)?;
     let (corrected, modes, is_corrected) = corrected(&problem, modes, of_fits.finer_fidelity, &mut on_round)?;
     let problem = Problem { episodes: &corrected, unknowns: problem.unknowns.clone(), ..problem };
     let (drawn, modes) = drawn(&problem, modes, seed, &mut on_round)?;
     let posterior = posterior_of(&problem, &drawn, networks, seed)?;
     let predictive = (settings.predictive_draws > 0)
-        .then(|| predictive(&problem, &drawn.points, settings.predictive_draws, measured, &model, seed));
+        .then(|| {
+            predictive(&problem, (&drawn.points, settings.predictive_draws), measured, &model, seed, &mut on_round)
+        })
+        .transpose()?;
     let best = &modes[0];
     let width = |p: &Posterior| p.marginals().map(|all| all.iter().map(|m| m.q95 - m.q05).collect::<Vec<f64>>());
     let offsets: Vec<_> =
@@ -251,19 +255,39 @@ fn first_simulated(problem: &Problem<'_>, points: &[Vec<f64>]) -> Result<(), Fit
 
 /// Root mean square distance of the mean of the tracks at these points from the measured ones, mm; none if no point can be
 /// simulated to the end.
-fn mean_rmse_mm(problem: &Problem<'_>, points: &[Vec<f64>], model: &Model) -> Option<f64> {
+fn mean_rmse_mm(
+    problem: &Problem<'_>,
+    points: &[Vec<f64>],
+    model: &Model,
+    on_round: OnRound<'_>,
+) -> Result<Option<f64>, FitError> {
     let whole = |tracks: &Vec<Track>| {
         tracks.iter().zip(problem.episodes).all(|(t, e)| t.frames.len() == e.measured.frames.len())
     };
-    let sets: Vec<Vec<Track>> = problem.tracks_each(points).into_iter().flatten().filter(whole).collect();
+    let sets: Vec<Vec<Track>> = simulated(problem, points, on_round)?.into_iter().filter(whole).collect();
+    if sets.is_empty() {
+        return Ok(None);
+    }
     let count = sets.len() as f64;
     let mut all = Vec::new();
     for (i, episode) in problem.episodes.iter().enumerate() {
         let offsets = sets.iter().map(|set| episode.offsets_mm(&set[i], &model.camera.view));
-        let sum = offsets.reduce(|sum, new| sum.into_iter().zip(new).map(|(a, b)| added(a, b)).collect())?;
-        all.extend(sum.into_iter().map(|offset| offset.map(|o| o.map(|v| v / count))));
+        let sum = offsets.reduce(|sum, new| sum.into_iter().zip(new).map(|(a, b)| added(a, b)).collect());
+        all.extend(sum.into_iter().flatten().map(|offset| offset.map(|o| o.map(|v| v / count))));
     }
-    Some(rmse_mm(all.iter()))
+    Ok(Some(rmse_mm(all.iter())))
+}
+
+/// Tracks at those of the points that can be simulated, in parts between which `on_round` may break.
+fn simulated(problem: &Problem<'_>, points: &[Vec<f64>], on_round: OnRound<'_>) -> Result<Vec<Vec<Track>>, FitError> {
+    let mut sets = Vec::with_capacity(points.len());
+    for part in points.chunks(PART) {
+        sets.extend(problem.tracks_each(part).into_iter().flatten());
+        if on_round().is_break() {
+            return Err(FitError::Cancelled);
+        }
+    }
+    Ok(sets)
 }
 
 /// Sum of two offsets of a frame.
@@ -289,7 +313,16 @@ fn corrected(
     let start = |fit: &Fit| Start { point: fit.point.clone(), tracks: own.measured() };
     let mut all = vec![best.fit];
     if modes.len() > 1 {
-        all.extend(own.fit(modes[1..].iter().map(start).collect(), on_round)?.into_iter().flatten());
+        // A further mode that the correction makes impossible is lost alone.
+        let further = match own.fit(modes[1..].iter().map(start).collect(), on_round) {
+            Err(FitError::NoFit(_)) => Vec::new(),
+            fits => fits?,
+        };
+        for fit in further.into_iter().flatten() {
+            if all.iter().all(|known: &Fit| own.unknowns.are_apart(&known.point, &fit.point)) {
+                all.push(fit);
+            }
+        }
         all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
     Ok((best.episodes, all, true))
@@ -319,7 +352,8 @@ fn drawn(
             }
         }
         // A better fit may leave less noise than the likelihood had; each round lowers it, so that the loop ends.
-        if noise_inflation(&modes[0]) > LESS_NOISE * drawn.inflation {
+        let left = noise_inflation(&modes[0]);
+        if left > LESS_NOISE * drawn.inflation && (left > 1.0 || drawn.inflation == 1.0) {
             return Ok((drawn, modes));
         }
     }
@@ -341,21 +375,24 @@ fn posterior_of(problem: &Problem<'_>, drawn: &Draws, networks: &Posterior, seed
 /// Posterior predictive check by `count` of the draws: their tracks with noise, each with what was drawn for its episodes.
 fn predictive(
     problem: &Problem<'_>,
-    draws: &[Vec<f64>],
-    count: usize,
+    (draws, count): (&[Vec<f64>], usize),
     measured: &[MeasuredTrack],
     model: &Model,
     seed: u64,
-) -> Result<PredictiveCheck, Unchecked> {
+    on_round: OnRound<'_>,
+) -> Result<Result<PredictiveCheck, Unchecked>, FitError> {
     let some: Vec<Vec<f64>> = (0..count).map(|i| draws[i * draws.len() / count].clone()).collect();
     let mut rng = seed::rng(seed, 1);
     let mut episodes: Vec<(&Track, Vec<Track>)> = measured.iter().map(|m| (&m.track, Vec::new())).collect();
-    for tracks in problem.tracks_each(&some).into_iter().flatten() {
+    for tracks in simulated(problem, &some, on_round)? {
         for ((place, episode), track) in episodes.iter_mut().zip(problem.episodes).zip(&tracks) {
-            place.1.push(episode.measure(track, &mut rng));
+            let mut noisy = episode.measure(track, &mut rng);
+            // Frames after the end of a simulation were not predicted.
+            noisy.frames.truncate(track.frames.len());
+            place.1.push(noisy);
         }
     }
-    diagnostics::predictive(&episodes, &model.camera.view)
+    Ok(diagnostics::predictive(&episodes, &model.camera.view))
 }
 
 #[cfg(test)]
@@ -459,6 +496,21 @@ mod tests {
         assert!((refinement.noise_inflation / 16.0 - 1.0).abs() < 0.3, "{}", refinement.noise_inflation);
         assert!((stated_too_low / right - 1.0).abs() < 0.2, "{stated_too_low} {right}");
         assert!(refinement.warnings(None)[0].contains("times the noise that the model file states"));
+    }
+
+    #[test]
+    fn a_gaussian_prior_keeps_its_width_where_the_noise_is_overruled() {
+        let (toy, mut model) = (Toy { gain: 0.01 }, model());
+        let mut parameters = model.theta.parameters().to_vec();
+        parameters[1].prior = Prior::Normal { mean: 2e4, sd: 2e3, low: 1e3, high: 5e4 };
+        model.theta = catenary_core::ParameterSpace::new(parameters).unwrap();
+        let measured = noisy(&toy, 8);
+        model.camera.keypoint_noise_px /= 4.0;
+        let Refined { posterior, refinement, .. } = refined(&model, &toy, &measured).unwrap();
+        let modulus = &posterior.marginals().unwrap()[1];
+        // The tracks hardly depend on the modulus.
+        assert!(refinement.noise_inflation > 10.0, "{}", refinement.noise_inflation);
+        assert!((0.8..1.15).contains(&(modulus.sd / 2e3)), "{modulus:?}");
     }
 
     /// Simulator that counts its requests and refuses them.

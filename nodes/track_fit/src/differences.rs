@@ -4,8 +4,8 @@ use crate::data::Unknowns;
 use catenary_core::simulator::{FrameDerivative, SimulatorError, TrackSensitivities, Until};
 use catenary_core::{DifferentiableSimulator, Frame, KeypointOrder, Prior, SimulationRequest, Simulator, Track};
 
-/// Step of a central difference in a unit coordinate. Its error is of the third order, about 1e-6 of the prior's width;
-/// rounding in a simulation of some thousand steps is far below it.
+/// Step of a difference in a unit coordinate. The relative error of the derivative is about the square of the step, 1e-6; at
+/// an end of the prior, where the difference is one-sided, about 1e-3.
 const STEP: f64 = 1e-3;
 
 /// Simulator whose derivatives are central differences between tracks of the simulator inside. It serves simulators

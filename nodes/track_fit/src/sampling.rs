@@ -32,7 +32,7 @@ pub struct Draws {
     pub inflation: f64,
     /// Steps in which the likelihood's power grew from 0 to 1.
     pub steps: usize,
-    /// Share of the walkers' moves that were accepted.
+    /// Share of the walkers' moves in the last block that were accepted.
     pub acceptance: f64,
     /// Greatest change of a coordinate's mean over the last block of moves, in its standard deviations.
     pub drift: f64,
@@ -54,7 +54,8 @@ pub fn draws(
 ) -> Result<Draws, FitError> {
     let inflation = modes.first().map_or(1.0, noise_inflation);
     let scores = Scores::of(problem, inflation);
-    let inflated: Vec<Fit> = modes.iter().map(|mode| mode.clone().at_noise(inflation)).collect();
+    let measured = problem.channels().len();
+    let inflated: Vec<Fit> = modes.iter().map(|mode| mode.clone().at_noise(inflation, measured)).collect();
     let first = proposal::Proposal::of_modes(&inflated).ok_or_else(|| FitError::NoFit("no mode was found".into()))?;
     let mut rng = seed::rng(seed, STREAM);
     let (ensemble, steps) = annealing::annealed(&scores, budget.walkers, &first, &mut rng, on_round)?;

@@ -16,6 +16,7 @@ interrupted run goes on from there.
 """
 
 import argparse
+import hashlib
 import json
 import math
 import pathlib
@@ -257,6 +258,9 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / ".build/posteriors/results")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    # Another program, or another number of steps, has other results.
+    key = hashlib.sha256(PROGRAM.read_bytes() + str(arguments.steps).encode()).hexdigest()[:8]
+    arguments.out = arguments.out / key
     arguments.out.mkdir(parents=True, exist_ok=True)
     rows = []
     for name, bag, model in cases(arguments, arguments.out):

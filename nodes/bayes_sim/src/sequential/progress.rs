@@ -29,7 +29,7 @@ pub enum Progress<'a> {
     Refining {
         /// Share of the refinement that is done; it only grows, and nears 1.
         share: f64,
-        /// Number of simulations so far, without those of the networks.
+        /// Number of simulations so far, with those of the networks.
         simulations: usize,
     },
     /// An iteration ended.

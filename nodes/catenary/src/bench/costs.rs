@@ -9,12 +9,12 @@ use catenary_bag::read_measured;
 use catenary_core::Fidelity;
 use catenary_simulator::{BeamSimulator, workers};
 use serde::{Deserialize, Serialize};
-use std::io::{BufRead, Write, stdin, stdout};
+use std::io::{BufRead, Read, Write, stdin, stdout};
 use track_fit::data::{MeasuredEpisode, Unknowns, rmse_mm};
 use track_fit::fitting::Problem;
 
 /// Most bytes of a line of points. It bounds the memory that a caller can claim.
-const LONGEST: usize = 16 << 20;
+const LONGEST: u64 = 16 << 20;
 
 /// First line of the output.
 #[derive(Serialize)]
@@ -87,17 +87,22 @@ pub fn run(arguments: &CostsArgs) -> Result<()> {
         measured: problem.channels().len(),
     };
     print(&head)?;
-    for line in stdin().lock().lines() {
-        let line = line?;
-        ensure!(line.len() <= LONGEST, "stdin: expected lines of at most {LONGEST} bytes, got {}", line.len());
-        let points: Vec<Vec<f64>> = serde_json::from_str(&line).context("stdin: expected arrays of numbers").given()?;
+    let (mut input, mut line) = (stdin().lock(), Vec::new());
+    loop {
+        line.clear();
+        input.by_ref().take(LONGEST + 1).read_until(b'\n', &mut line)?;
+        if line.is_empty() {
+            return Ok(());
+        }
+        ensure!(line.len() as u64 <= LONGEST, "stdin: expected lines of at most {LONGEST} bytes");
+        let points: Vec<Vec<f64>> =
+            serde_json::from_slice(&line).context("stdin: expected arrays of numbers").given()?;
         for point in &points {
             let (expected, got) = (unknowns.columns(), point.len());
             ensure!(expected == got, "stdin: expected {expected} coordinates a point, got {got}");
         }
         print(&answer(&problem, &points, &model.camera.view))?;
     }
-    Ok(())
 }
 
 /// Costs and distances of the points.

@@ -10,8 +10,8 @@ use catenary_core::seed;
 
 /// Random stream of the draws.
 const MODES_STREAM: u64 = 5;
-/// Cost above the least, beside two for each coordinate, up to which a minimum may have a part in the posterior: a tenth
-/// of a thousandth of its density, with room for minima that are wider.
+/// Cost above the least, beside two for each coordinate, up to which a minimum is kept. At 20 its density is exp(-10) of the
+/// greatest; the two for each coordinate allow for wider minima.
 const HIGH: f64 = 20.0;
 /// Cheap points for each start among which far ones are chosen.
 const WIDER: usize = 4;

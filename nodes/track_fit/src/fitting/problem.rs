@@ -77,12 +77,14 @@ impl Fit {
         self.jacobian.transpose() * &self.jacobian
     }
 
-    /// Linearisation in standard deviations of a noise of `inflation` times the variance.
+    /// Linearisation in standard deviations of a noise of `inflation` times the variance. The first `measured` rows are
+    /// measured; the others belong to Gaussian priors, and stay.
     #[must_use]
-    pub fn at_noise(mut self, inflation: f64) -> Self {
-        self.cost /= inflation;
-        self.residuals /= inflation.sqrt();
-        self.jacobian /= inflation.sqrt();
+    pub fn at_noise(mut self, inflation: f64, measured: usize) -> Self {
+        let scale = inflation.sqrt().recip();
+        self.residuals.rows_mut(0, measured).scale_mut(scale);
+        self.jacobian.rows_mut(0, measured).scale_mut(scale);
+        self.cost = self.residuals.norm_squared();
         self
     }
 

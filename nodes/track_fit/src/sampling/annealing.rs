@@ -12,7 +12,7 @@ use nalgebra::DVector;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Share of the walkers that still count after a step of the power.
+/// Effective sample size after a step of the power, as a share of the walkers: 1 / (sum of the squared weights).
 const KEPT: f64 = 0.5;
 /// Moves of each walker after a step, and most moves while few are accepted.
 const MOVES: usize = 3;

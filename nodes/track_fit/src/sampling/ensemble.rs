@@ -1,7 +1,8 @@
 //! Moves of an ensemble of walkers that leave the posterior unchanged.
 //!
 //! Half of the walkers move at a time. A walker moves along the difference of two walkers of the other half (ter Braak
-//! 2006; Nelson, Ford and Payne 2014), or to a draw of a proposal, and Metropolis and Hastings' rule accepts the move.
+//! 2006; Nelson, Ford and Payne 2014), or to a draw of a proposal, and Metropolis and Hastings' rule accepts the move. The
+//! proposal was fitted to the walkers themselves, so that the second kind is exact only for many of them.
 
 use super::budget::Budget;
 use super::proposal::Proposal;
@@ -20,8 +21,10 @@ const OF_MODES: f64 = 0.1;
 const SPREAD: f64 = 0.5;
 /// Share of the differences that are taken whole, so that walkers change between modes.
 const WHOLE: f64 = 0.1;
-/// Standard deviation of the noise of a move, as a share of its difference, and its least size in scores.
+/// Standard deviation of the noise of a move, as a share of the length of its difference.
 const NOISE: f64 = 1e-3;
+/// Least length that a difference is taken for, in scores: copies of a walker must part.
+const LEAST_LENGTH: f64 = 1e-3;
 /// Greatest change of a mean over a block, in standard deviations, of walkers that have settled. The change of 256
 /// independent walkers scatters by 0.09.
 const SETTLED: f64 = 0.25;
@@ -46,7 +49,7 @@ pub struct Ensemble {
 pub struct Moved {
     /// Scores of the walkers at several moves of the last block.
     pub walkers: Vec<DVector<f64>>,
-    /// Share of accepted moves.
+    /// Share of accepted moves in the last block.
     pub acceptance: f64,
     /// Greatest change of a mean over the last block, in standard deviations.
     pub drift: f64,
@@ -74,6 +77,7 @@ impl Ensemble {
         let mut kept = Vec::new();
         for block in 0..budget.blocks.max(1) {
             let before = self.walkers.clone();
+            (accepted, tried) = (0, 0);
             kept.clear();
             for step in 0..budget.block {
                 accepted += self.step(scores, rng, on_round)?;
@@ -89,7 +93,10 @@ impl Ensemble {
             }
             self.learn(&kept, modes);
         }
-        Ok(Moved { walkers: kept, acceptance: f64::from(accepted) / tried as f64, drift, best: self.best.0 })
+        // The states of a walker follow each other: they depend on one another, and halves of the list do not share walkers.
+        let count = self.walkers.len();
+        let by_walker = (0..count).flat_map(|walker| kept.iter().skip(walker).step_by(count).cloned()).collect();
+        Ok(Moved { walkers: by_walker, acceptance: f64::from(accepted) / tried as f64, drift, best: self.best.0 })
     }
 
     /// Moves each walker once; returns the number of accepted moves.
@@ -140,7 +147,7 @@ impl Ensemble {
             let spread: f64 = StandardNormal.sample(rng);
             2.38 / (2.0 * d).sqrt() * (SPREAD * spread).exp()
         };
-        let noise = NOISE * difference.norm().max(NOISE) / d.sqrt();
+        let noise = NOISE * difference.norm().max(LEAST_LENGTH) / d.sqrt();
         let jitter = DVector::from_fn(here.len(), |_, _| -> f64 { StandardNormal.sample(rng) });
         (here + difference * gamma + jitter * noise, 0.0)
     }

@@ -19,18 +19,19 @@ const MARGIN: f64 = 0.25;
 /// Share of the draws in the outer tenth of their own range above which they press on the face there. A Gaussian that is
 /// whole has 0.02 in the outer tenth of its range of plus and minus three standard deviations.
 const PRESSED: f64 = 0.05;
-/// Least standard deviation of a component.
+/// Most coordinates in which draws are mirrored.
+const MOST_MIRRORS: usize = 4;
+/// Least standard deviation of a component. A narrower posterior is widened to it.
 const LEAST_SD: f64 = 1e-4;
 
-/// Mixture of Gaussians that is, cut at the faces of the unit cube, the density of these draws in the cube; none for fewer
-/// than two draws a coordinate. Draws that press on a face are mirrored at it, because a Gaussian at a face would have
+/// Mixture of Gaussians whose truncation to the unit cube approximates these draws; none for fewer than 2 (d + 1) draws. Draws that press on a face are mirrored at it, because a Gaussian at a face would have
 /// half of its density there. The number of components is the one that predicts held-out draws best.
 pub fn gaussians_of(draws: &[Vec<f64>], seed: u64) -> Option<Mixture> {
     let d = draws.first()?.len();
     if draws.len() < 2 * (d + 1) {
         return None;
     }
-    let pressed: Vec<[bool; 2]> = (0..d).map(|i| pressed_faces(draws, i)).collect();
+    let pressed = pressed_most((0..d).map(|i| pressed_faces(draws, i)).collect());
     // Draws of one walker follow each other at a fixed distance, so that the halves are of different walkers.
     let (left, right) = draws.split_at(draws.len() / 2);
     let of = |draws: &[Vec<f64>]| draws.iter().flat_map(|draw| images(draw, &pressed)).collect::<Vec<_>>();
@@ -44,17 +45,25 @@ pub fn gaussians_of(draws: &[Vec<f64>], seed: u64) -> Option<Mixture> {
     Gaussians::fitted(&all, k, &mut seed::rng(seed, k as u64))?.mixture()
 }
 
-/// True for the lower and the upper face in coordinate `i` if the draws press on it.
-fn pressed_faces(draws: &[Vec<f64>], i: usize) -> [bool; 2] {
+/// Faces of the coordinates that press most. Each doubles the images of a draw, so that there are few.
+fn pressed_most(shares: Vec<[f64; 2]>) -> Vec<[bool; 2]> {
+    let greatest = |i: &usize| shares[*i][0].max(shares[*i][1]);
+    let mut order: Vec<usize> = (0..shares.len()).filter(|i| greatest(i) > 0.0).collect();
+    order.sort_by(|a, b| greatest(b).total_cmp(&greatest(a)));
+    order.truncate(MOST_MIRRORS);
+    (0..shares.len()).map(|i| shares[i].map(|share| share > 0.0 && order.contains(&i))).collect()
+}
+
+/// Share of the draws that press on the lower and the upper face in coordinate `i`; zero if none does.
+fn pressed_faces(draws: &[Vec<f64>], i: usize) -> [f64; 2] {
     let ends = draws.iter().fold([1.0f64, 0.0f64], |[low, high], u| [low.min(u[i]), high.max(u[i])]);
     let tenth = 0.1 * (ends[1] - ends[0]);
     let share =
         |is_there: &dyn Fn(f64) -> bool| draws.iter().filter(|u| is_there(u[i])).count() as f64 / draws.len() as f64;
     // Draws whose range ends inside the cube do not press.
-    [
-        ends[0] < tenth && share(&|u| u < ends[0] + tenth) > PRESSED,
-        1.0 - ends[1] < tenth && share(&|u| u > ends[1] - tenth) > PRESSED,
-    ]
+    let [low, high] = [share(&|u| u < ends[0] + tenth), share(&|u| u > ends[1] - tenth)];
+    let pressing = |share: f64, gap: f64| if gap < tenth && share > PRESSED { share } else { 0.0 };
+    [pressing(low, ends[0]), pressing(high, 1.0 - ends[1])]
 }
 
 /// A draw and its mirror images in the pressed faces near it.

@@ -12,7 +12,7 @@ const EDGE: f64 = 1e-6;
 /// Points of a batch. Between batches a run may be cancelled.
 const BATCH: usize = 128;
 
-/// Likelihood of a problem in normal scores `z = Phi^-1(u)` of its unit coordinates u, where Phi is the standard
+/// Likelihood of a problem in normal scores `z = Phi^-1(u)` of its unit coordinates u, with the pull of Gaussian priors, where Phi is the standard
 /// normal distribution function. The bounds of the priors lie at infinity there, so that no proposal is cut.
 pub struct Scores<'a> {
     problem: &'a Problem<'a>,
@@ -30,6 +30,11 @@ impl<'a> Scores<'a> {
     /// Number of points that were simulated.
     pub fn simulations(&self) -> usize {
         self.simulations.get()
+    }
+
+    /// Part of a point's cost that is due to Gaussian priors.
+    fn pull(&self, u: &[f64]) -> f64 {
+        self.problem.unknowns.prior_residuals(u).iter().map(|(residual, ..)| residual * residual).sum()
     }
 
     /// Unit coordinates of scores.
@@ -61,15 +66,18 @@ impl<'a> Scores<'a> {
         let mut likelihoods = Vec::with_capacity(points.len());
         for (part, chunk) in points.chunks(BATCH).enumerate() {
             let units: Vec<Vec<f64>> = chunk.iter().map(Self::to_unit).collect();
+            // The noise is inflated, and Gaussian priors are not: their part of the cost stays whole.
+            let kept: Vec<f64> = units.iter().map(|u| (1.0 - 1.0 / self.inflation) * self.pull(u)).collect();
             let costs = match limits {
                 None => self.problem.costs(&units, &self.measured),
                 Some(limits) => {
                     let own = &limits[part * BATCH..][..chunk.len()];
-                    let most: Vec<f64> = own.iter().map(|limit| -2.0 * self.inflation * limit).collect();
+                    let most = |(limit, kept): (&f64, &f64)| self.inflation * (-2.0 * limit - kept);
+                    let most: Vec<f64> = own.iter().zip(&kept).map(most).collect();
                     self.problem.costs_each_to(&units, &self.measured, &most)
                 }
             };
-            likelihoods.extend(costs.into_iter().map(|cost| -0.5 * cost / self.inflation));
+            likelihoods.extend(costs.into_iter().zip(&kept).map(|(cost, kept)| -0.5 * (cost / self.inflation + kept)));
             self.simulations.set(self.simulations.get() + chunk.len());
             if on_round().is_break() {
                 return Err(FitError::Cancelled);
