@@ -234,6 +234,7 @@ def test_the_result_of_an_inference_is_latched_on_the_topic_of_the_posterior(gra
         source=Infer.Goal.SOURCE_BAG,
         bags=[str(episode[2])],
         model_yaml=MODEL.read_text(),
+        preset="networks",
         iterations=2,
         simulations=40,
         drive=Simulate.Request.DRIVE_GRIP,

@@ -19,7 +19,7 @@ def test_learning_alone_serves_rclpy_and_the_command_line(session):
     done = session.run("train", "--node", "--model", MODEL, "--out", "pi.safetensors", "--steps", 512, "--no-plan", "--seed", 5, "--json")
     assert done.returncode == 0, done.stderr
     assert (session.folder / "pi.safetensors").read_bytes() == bytes(trained.policy), "the same goal gives the same policy"
-    sizes = {"iterations": 1, "simulations": 40, "seed": 2}
+    sizes = {"preset": "networks", "iterations": 1, "simulations": 40, "seed": 2}
     goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=model_yaml, **sizes)
     inferred = Goal(session.ros, Infer, "/bayes_sim/infer", goal, seconds=120).result()
     assert inferred.success and inferred.simulations == 40, inferred.message
