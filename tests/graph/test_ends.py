@@ -35,7 +35,7 @@ def keep_busy(session):
 def test_an_inference_without_a_pool_ends_when_its_patience_does(session):
     session.launch("respawn:=false")
     session.ros.set_parameter("bayes_sim", "pool_patience_s", 3.0)
-    wanted = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), iterations=2)
+    wanted = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), preset="networks", iterations=2)
     wanted.simulations = 20_000
     goal = Goal(session.ros, Infer, "/bayes_sim/infer", wanted, seconds=40)
     assert not goal.ends_within(2), "it was over before the pool died"

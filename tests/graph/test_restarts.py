@@ -87,7 +87,7 @@ def test_a_command_ends_soon_when_the_node_that_it_waits_for_is_stopped(session)
 
 def infer(session, simulations, seconds=120):
     """Starts an inference that takes some seconds."""
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), iterations=2)
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), preset="networks", iterations=2)
     goal.simulations, goal.seed = simulations, 6
     return Goal(session.ros, Infer, "/bayes_sim/infer", goal, seconds)
 
@@ -104,7 +104,7 @@ def test_an_inference_goes_on_with_a_restarted_pool(session):
 
 def test_an_inference_whose_node_was_killed_goes_on_with_the_next_request(session):
     session.launch()
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), seed=7)
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), preset="networks", seed=7)
     goal.iterations, goal.simulations = 5, 150
 
     def ask():

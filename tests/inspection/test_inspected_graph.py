@@ -48,7 +48,7 @@ def test_a_running_episode_is_followed_to_its_end(graph, tmp_path):
 
 def test_the_latched_posterior_is_read(graph, figures, tmp_path):
     sizes = {"iterations": 1, "simulations": 30}
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), **sizes)
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), preset="networks", **sizes)
     result = Goal(graph.ros, Infer, "/bayes_sim/infer", goal, seconds=60).result()
     said = figures("posterior", "--out", tmp_path / "posterior.png")
     assert said["components"] == len(result.posterior.weights) and is_picture(tmp_path / "posterior.png")

@@ -64,7 +64,7 @@ def heard(graph):
     run = send(graph, "/policy_runner/run_episode", goal)
     result = run.result()
     assert result.success and len(result.rewards) == STEPS
-    infer = Infer.Goal(source=Infer.Goal.SOURCE_LIVE, model_yaml=MODEL.read_text(), iterations=1, simulations=20)
+    infer = Infer.Goal(source=Infer.Goal.SOURCE_LIVE, model_yaml=MODEL.read_text(), preset="networks", iterations=1, simulations=20)
     inferred = send(graph, "/bayes_sim/infer", infer).result()
     graph.ros.spin(0.3)
     for subscription in subscriptions:
@@ -377,7 +377,7 @@ def episode_of_rclpy(graph):
 def infer_of_rclpy(graph):
     goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=["/nowhere"], model_yaml=MODEL.read_text())
     assert "/nowhere" in send(graph, "/bayes_sim/infer", goal).result(GoalStatus.STATUS_ABORTED).message
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text())
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), preset="networks")
     goal.iterations, goal.simulations = 10, 40
     running = send(graph, "/bayes_sim/infer", goal)
     running.wait_feedback()

@@ -38,7 +38,7 @@ def learners(session_of_module):
 @pytest.mark.parametrize("name", ["/simulator_pool/simulate"])
 def test_node_to_rclpy_inference_asks_a_pool_of_rclpy(learners, name):
     session, pool = learners
-    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text())
+    goal = Infer.Goal(source=Infer.Goal.SOURCE_BAG, bags=[str(BAG)], model_yaml=MODEL.read_text(), preset="networks")
     goal.iterations, goal.simulations, goal.seed = 1, 30, 4
     result = Goal(session.ros, BY_NAME["/bayes_sim/infer"].kind, "/bayes_sim/infer", goal).result()
     assert result.success and result.simulations == 30
