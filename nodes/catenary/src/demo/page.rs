@@ -8,7 +8,7 @@ use crate::exit::Misfit;
 use crate::options::Preset;
 use crate::report::Estimate;
 use crate::report::plots::Series;
-use crate::report::quantity::Quantity;
+use crate::report::quantity::{Quantity, titled};
 use crate::report::{Mark, Page, Picture, RecordedFit, plots, posterior};
 use anyhow::{Context, Result};
 use base64::Engine;
@@ -106,7 +106,7 @@ fn answer(page: &mut Page, folder: &Path, summary: &Summary) -> Result<()> {
     page.table(&["", "hidden", "found", "with 90 %"], &rows);
     summary.of_the_arm().iter().for_each(|text| page.paragraph(text));
     let misfit = summary.inference.misfit.iter().map(|reason| Misfit::headline(reason));
-    page.warnings(&misfit.chain(summary.inference.warnings.iter().cloned()).collect::<Vec<String>>());
+    page.warnings(&misfit.chain(summary.inference.warnings.iter().map(|text| titled(text))).collect::<Vec<String>>());
     Ok(())
 }
 

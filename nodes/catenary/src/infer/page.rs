@@ -2,7 +2,7 @@
 
 use crate::report::number::{millimetres, percent, plain};
 use crate::report::plots::Series;
-use crate::report::quantity::Quantity;
+use crate::report::quantity::{Quantity, titled};
 use crate::report::{Page, RecordedFit, plots, posterior};
 use anyhow::Result;
 use bayes_sim::diagnostics::Part;
@@ -48,7 +48,7 @@ pub struct Contents<'a> {
 pub fn page(inferred: &Contents<'_>) -> Result<String> {
     let mut page = Page::new(&format!("Parameters of {} from the recording", inferred.model));
     page.answer(&answer(inferred), inferred.misfit.is_some() || is_refuted(inferred.predictive.ok()));
-    page.warnings(inferred.warnings);
+    page.warnings(&inferred.warnings.iter().map(|text| titled(text)).collect::<Vec<_>>());
     let bags: Vec<String> = inferred.bags.iter().map(|b| b.display().to_string()).collect();
     page.note(&format!("Measured: {}{}.", bags.join(", "), inferred.size));
     page.heading("Parameters");

@@ -29,6 +29,15 @@ pub fn capital(text: &str) -> String {
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
+/// Text with the title of a parameter in place of its name, if it begins with that, as warnings about a parameter do.
+pub fn titled(text: &str) -> String {
+    let Some((name, rest)) = text.split_once(": ") else { return text.to_owned() };
+    match CATALOGUE.iter().any(|p| p.name == name) || Registry::complete().find(name).is_some() {
+        true => format!("{}: {rest}", Quantity::of(name).title),
+        false => text.to_owned(),
+    }
+}
+
 impl Quantity {
     /// Quantity called `name` in model files. An unknown name is its own title.
     pub fn of(name: &str) -> Self {
