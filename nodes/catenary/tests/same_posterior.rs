@@ -90,7 +90,9 @@ fn by_command(bag: &Path, model: &Path, out: &Path, options: &[&str]) -> [Vec<f6
     let sizes = [ITERATIONS.to_string(), SIMULATIONS.to_string(), SEED.to_string()];
     let [iterations, simulations, seed] = sizes.each_ref().map(String::as_str);
     let mut infer = command(&["infer", "--json", "--bag", bag, "--model", model, "--out", out]);
-    infer.args(["--iterations", iterations, "--simulations", simulations, "--seed", seed]).args(options);
+    infer
+        .args(["--preset", "networks", "--iterations", iterations, "--simulations", simulations, "--seed", seed])
+        .args(options);
     let report: Value = serde_json::from_str(&finished(infer.output().unwrap())).unwrap();
     let mixture = &report["posterior"]["mixture"];
     ["weights", "means", "covariances"].map(|name| numbers(&mixture[name]))
@@ -129,6 +131,8 @@ fn by_topics(bag: &Path, model: &Path, rate: &str) -> [Vec<f64>; 3] {
         simulations: SIMULATIONS,
         drive: SimulateRequest::DRIVE_GRIP,
         seed: SEED,
+        // A refinement asks the pool for some 20,000 simulations more.
+        preset: "networks".to_owned(),
         ..InferGoal::default()
     };
     let running = client.send(goal, Duration::from_secs(20), |_| {}).unwrap();
@@ -155,6 +159,8 @@ fn by_node(bag: &Path, model_yaml: &str) -> (Vec<[f64; 2]>, Value, [Vec<f64>; 3]
         drive: SimulateRequest::DRIVE_GRIP,
         seed: SEED,
         prior_support: "adaptive".to_owned(),
+        // A refinement asks the pool for some 20,000 simulations more.
+        preset: "networks".to_owned(),
         ..InferGoal::default()
     };
     let running = client.send(goal, Duration::from_secs(20), |_| {}).unwrap();
