@@ -207,8 +207,8 @@ impl Mixture {
     }
 }
 
-/// Index of the component whose interval of the cumulative weights contains `quantile`.
-fn pick(weights: &[f64], quantile: f64) -> usize {
+/// Index of the weight whose interval of the cumulative weights, which sum to 1, contains `quantile`. A weight of zero is never picked.
+pub fn pick(weights: &[f64], quantile: f64) -> usize {
     let mut cumulative = 0.0;
     for (k, w) in weights.iter().enumerate() {
         cumulative += w;

@@ -51,9 +51,11 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
+        let track_fit::Settings { draws, starts, fidelity, fallback_fidelity, finer_fidelity, seed } =
+            track_fit::Settings::default();
         Self {
-            draws: 400,
-            starts: 8,
+            draws,
+            starts,
             // Least p-value: 0.005.
             null_sets: 199,
             level: 0.05,
@@ -67,10 +69,10 @@ impl Default for Settings {
             least_share: 0.5,
             repaired_level: 0.01,
             rounds: 40,
-            fidelity: Fidelity::Fast,
-            fallback_fidelity: Some(Fidelity::FineMesh),
-            finer_fidelity: Some(Fidelity::Reference),
-            seed: 0,
+            fidelity,
+            fallback_fidelity,
+            finer_fidelity,
+            seed,
         }
     }
 }

@@ -1,22 +1,23 @@
 //! Draws of the exact posterior of a fit, with the simulator itself as the likelihood.
 //!
 //! An ensemble of walkers is annealed from the priors to the posterior, and then moved until it has settled. Local minima of the
-//! cost have a part in the moves. All densities are in normal scores, see [`Scores`].
+//! cost have a part in the moves. All densities are in normal scores, see `scores`.
 
 mod annealing;
 mod budget;
 mod ensemble;
 mod gaussians;
+mod moments;
 mod proposal;
 mod scores;
 
 pub use budget::Budget;
 pub use gaussians::gaussians_of;
-pub use scores::Scores;
 
 use crate::error::FitError;
 use crate::fitting::{Fit, OnRound, Problem, noise_inflation};
 use catenary_core::seed;
+use scores::Scores;
 
 /// Random stream.
 const STREAM: u64 = 40;
@@ -36,8 +37,6 @@ pub struct Draws {
     pub acceptance: f64,
     /// Greatest change of a coordinate's mean over the last block of moves, in its standard deviations.
     pub drift: f64,
-    /// Number of simulated points.
-    pub simulations: usize,
 }
 
 /// Draws of the posterior of `problem`, given the modes of its cost ([`modes`](crate::fitting::modes)). If the lowest one leaves
@@ -67,7 +66,6 @@ pub fn draws(
         steps,
         acceptance: moved.acceptance,
         drift: moved.drift,
-        simulations: scores.simulations(),
     })
 }
 

@@ -10,6 +10,7 @@ use catenary_core::Fidelity;
 use catenary_simulator::{BeamSimulator, workers};
 use serde::{Deserialize, Serialize};
 use std::io::{BufRead, Read, Write, stdin, stdout};
+use std::path::Path;
 use track_fit::data::{MeasuredEpisode, Unknowns, rmse_mm};
 use track_fit::fitting::Problem;
 
@@ -58,29 +59,12 @@ pub fn run(arguments: &CostsArgs) -> Result<()> {
     let simulator = BeamSimulator::new(&model, workers::available())?;
     let problem = Problem::of(&model, &episodes, &simulator, 1);
     let corrected = match &arguments.corrected_at {
-        None => episodes.clone(),
-        Some(path) => {
-            let text = std::fs::read_to_string(path).with_context(|| path.display().to_string()).given()?;
-            let inference: Inference =
-                serde_json::from_str(&text).with_context(|| path.display().to_string()).given()?;
-            let name = path.display();
-            let refinement =
-                inference.refinement.with_context(|| format!("{name}: refinement: expected one")).given()?;
-            let point = point_of(&problem.unknowns, episodes.len(), &refinement.best_fit)
-                .with_context(|| format!("{name}: refinement.best_fit"))
-                .given()?;
-            match refinement.is_corrected {
-                true => problem.corrected_episodes(&point, Fidelity::Reference)?,
-                false => episodes.clone(),
-            }
-        }
+        Some(path) => corrected_at(path, &problem)?,
+        None => None,
     };
-    let problem = Problem { episodes: &corrected, ..problem };
+    let problem = Problem { episodes: corrected.as_deref().unwrap_or(&episodes), ..problem };
     let unknowns = &problem.unknowns;
-    let name_of = |column: usize| {
-        let owner = (0..unknowns.list().len()).rev().find(|&i| unknowns.column(i, 0) <= column);
-        owner.map_or("", |i| unknowns.list()[i].name.as_str())
-    };
+    let name_of = |column: usize| unknowns.at(column).map_or("", |unknown| unknown.name.as_str());
     let head = Head {
         names: (0..unknowns.columns()).map(name_of).collect(),
         parameters: unknowns.theta(),
@@ -103,6 +87,18 @@ pub fn run(arguments: &CostsArgs) -> Result<()> {
         }
         print(&answer(&problem, &points, &model.camera.view))?;
     }
+}
+
+/// Episodes with the correction of an inference's best fit; none if it has none.
+fn corrected_at(path: &Path, problem: &Problem<'_>) -> Result<Option<Vec<MeasuredEpisode>>> {
+    let name = path.display();
+    let bytes = catenary_shell::files::read_bytes("inference", path).given()?;
+    let inference: Inference = serde_json::from_slice(&bytes).with_context(|| name.to_string()).given()?;
+    let refinement = inference.refinement.with_context(|| format!("{name}: refinement: expected one")).given()?;
+    let point = point_of(&problem.unknowns, problem.episodes.len(), &refinement.best_fit)
+        .with_context(|| format!("{name}: refinement.best_fit"))
+        .given()?;
+    Ok(refinement.is_corrected.then(|| problem.corrected_episodes(&point, Fidelity::Reference)).transpose()?)
 }
 
 /// Costs and distances of the points.

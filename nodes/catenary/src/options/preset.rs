@@ -28,7 +28,7 @@ impl Preset {
 pub enum InferencePreset {
     /// Networks, refined with the simulator as the likelihood
     Default,
-    /// The same networks without the refinement
+    /// Networks of the default without the refinement
     Networks,
     /// Sizes of the paper: one network, without a refinement
     Paper,

@@ -45,7 +45,7 @@ impl TradeOff {
         1.0 - (1.0 - self.correlation.powi(2)).max(0.0).sqrt()
     }
 
-    /// What the data determine of two parameters called `names`: "determine A / B to 2.0 %, and hardly either (A to 40 %, B to
+    /// Sentence on the combination of two parameters that the data determine, by their names: "determine A / B to 2.0 %, and hardly either (A to 40 %, B to
     /// 38 %)". None without a combination.
     pub fn determined(&self, [a, b]: [&str; 2]) -> Option<String> {
         let Combination { exponent, relative_sd, alone } = self.combination.as_ref()?;

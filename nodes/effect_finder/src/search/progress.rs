@@ -61,7 +61,7 @@ pub struct Progress {
 /// Listener for progress; it returns whether the search goes on.
 pub type OnProgress<'a> = &'a mut dyn FnMut(&Progress) -> ControlFlow<()>;
 
-/// What a search has told so far.
+/// Account of a search so far.
 #[derive(Debug, Default)]
 pub struct Told {
     conclusions: Vec<String>,

@@ -196,8 +196,13 @@ impl Unknowns {
 
     /// Scope of the unknown at `column`.
     pub fn scope_of(&self, column: usize) -> Scope {
+        self.at(column).map_or(Scope::Shared, |unknown| unknown.scope)
+    }
+
+    /// Unknown at `column`; none without unknowns.
+    pub fn at(&self, column: usize) -> Option<&Unknown> {
         let owner = (0..self.list.len()).rev().find(|&i| self.column(i, 0) <= column);
-        owner.map_or(Scope::Shared, |i| self.list[i].scope)
+        owner.map(|i| &self.list[i])
     }
 
     /// Returns whether two points are far apart in a shared coordinate.

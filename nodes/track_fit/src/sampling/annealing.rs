@@ -51,8 +51,7 @@ pub fn annealed(
         ensemble.walkers = chosen.iter().map(|i| ensemble.walkers[*i].clone()).collect();
         ensemble.likelihoods = chosen.iter().map(|i| ensemble.likelihoods[*i]).collect();
         ensemble.power = power;
-        let walkers = ensemble.walkers.clone();
-        ensemble.learn(&walkers, modes);
+        ensemble.learn(modes);
         for moves in 1..=MOST_MOVES {
             let accepted = ensemble.step(scores, rng, on_round)?;
             if moves >= MOVES && f64::from(accepted) >= FEW * count as f64 {

@@ -9,6 +9,7 @@ use super::proposal::Proposal;
 use super::scores::Scores;
 use crate::error::FitError;
 use crate::fitting::OnRound;
+use catenary_core::mixture::pick;
 use nalgebra::DVector;
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -58,10 +59,10 @@ pub struct Moved {
 }
 
 impl Ensemble {
-    /// Fits the proposal to `states` of the walkers, beside `modes`.
-    pub fn learn(&mut self, states: &[DVector<f64>], modes: &Proposal) {
-        if let Some(fitted) = Proposal::of_draws(states) {
-            self.proposal = fitted.with(modes, OF_MODES);
+    /// Fits the proposal to the walkers, beside `modes`.
+    pub fn learn(&mut self, modes: &Proposal) {
+        if let Some(learnt) = learnt(&self.walkers, modes) {
+            self.proposal = learnt;
         }
     }
 
@@ -91,7 +92,7 @@ impl Ensemble {
             if block > 0 && drift < SETTLED {
                 break;
             }
-            self.learn(&kept, modes);
+            self.proposal = learnt(&kept, modes).unwrap_or(self.proposal);
         }
         // The states of a walker follow each other: they depend on one another, and halves of the list do not share walkers.
         let count = self.walkers.len();
@@ -153,20 +154,15 @@ impl Ensemble {
     }
 }
 
+/// Proposal that is fitted to states of walkers, beside `modes`; none if the states lie in a plane.
+fn learnt(states: &[DVector<f64>], modes: &Proposal) -> Option<Proposal> {
+    Some(Proposal::of_draws(states)?.with(modes, OF_MODES))
+}
+
 /// Indices of `count` draws by systematic resampling.
 pub fn resampled(weights: &[f64], count: usize, rng: &mut impl Rng) -> Vec<usize> {
-    let (mut at, mut sum) = (0, weights[0]);
     let offset: f64 = rng.random();
-    (0..count)
-        .map(|i| {
-            let quantile = (i as f64 + offset) / count as f64;
-            while sum < quantile && at + 1 < weights.len() {
-                at += 1;
-                sum += weights[at];
-            }
-            at
-        })
-        .collect()
+    (0..count).map(|i| pick(weights, (i as f64 + offset) / count as f64)).collect()
 }
 
 /// Greatest difference of a coordinate's means in two ensembles, in its standard deviations.

@@ -1,5 +1,6 @@
 //! Mixture of Gaussians fitted to draws in the unit cube.
 
+use super::moments::moments;
 use catenary_core::mixture::log_sum_exp;
 use catenary_core::{Mixture, seed};
 use nalgebra::{DMatrix, DVector};
@@ -102,22 +103,20 @@ impl Gaussians {
     fn fitted(points: &[DVector<f64>], k: usize, rng: &mut impl Rng) -> Option<Self> {
         // One component has one fit.
         let tries = if k == 1 { 1 } else { TRIES };
-        let fits = (0..tries).filter_map(|_| Self::fitted_once(points, k, rng));
+        let (_, common) = moments(points)?;
+        let fits = (0..tries).filter_map(|_| Self::fitted_once(points, k, &common, rng));
         let scored = fits.map(|fit| (points.iter().map(|x| fit.log_density(x)).sum::<f64>(), fit));
         scored.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, fit)| fit)
     }
 
     /// Fit from the clusters of random means.
-    fn fitted_once(points: &[DVector<f64>], k: usize, rng: &mut impl Rng) -> Option<Self> {
-        let n = points.len() as f64;
-        let d = points.first()?.len();
-        let mean = points.iter().fold(DVector::zeros(d), |sum, x| sum + x) / n;
-        let common = points.iter().fold(DMatrix::zeros(d, d), |sum, x| sum + (x - &mean) * (x - &mean).transpose()) / n;
-        let means = spread_out(points, k, &common, rng);
-        let mut covariances = vec![&common * (0.1 * d as f64); k];
+    fn fitted_once(points: &[DVector<f64>], k: usize, common: &DMatrix<f64>, rng: &mut impl Rng) -> Option<Self> {
+        let d = common.nrows();
+        let means = spread_out(points, k, common, rng);
+        let mut covariances = vec![common * (0.1 * d as f64); k];
         let mut counts = vec![d as f64; k];
         for x in points {
-            let i = nearest(x, &means, &common);
+            let i = nearest(x, &means, common);
             covariances[i] += (x - &means[i]) * (x - &means[i]).transpose();
             counts[i] += 1.0;
         }
@@ -125,7 +124,7 @@ impl Gaussians {
         let whole: f64 = counts.iter().sum();
         let mut own = Self::new(counts.iter().map(|count| count / whole).collect(), means, covariances)?;
         for _ in 0..ROUNDS {
-            own = own.improved(points, &common)?;
+            own = own.improved(points, common)?;
         }
         Some(own)
     }

@@ -1,5 +1,6 @@
 //! Proposal distribution: a mixture of multivariate t distributions in normal scores.
 
+use super::moments::moments;
 use super::scores::Scores;
 use crate::fitting::Fit;
 use catenary_core::mixture::log_sum_exp;
@@ -87,15 +88,11 @@ impl Proposal {
 
     /// Proposal of at most four components that is fitted to draws; none if the draws lie in a plane.
     pub fn of_draws(draws: &[DVector<f64>]) -> Option<Self> {
-        let n = draws.len() as f64;
-        let d = draws.first()?.len();
-        let mean = draws.iter().fold(DVector::zeros(d), |sum, z| sum + z) / n;
-        let covariance = draws.iter().fold(DMatrix::zeros(d, d), |sum, z| sum + (z - &mean) * (z - &mean).transpose());
-        let mut own = Self { log_weights: vec![0.0], components: vec![Component::new(mean, covariance / n)?] };
-        let weights = vec![1.0 / n; draws.len()];
+        let (mean, covariance) = moments(draws)?;
+        let mut own = Self { log_weights: vec![0.0], components: vec![Component::new(mean, covariance)?] };
         for _ in 0..SPLITS {
             // Copies of one draw count once.
-            own = own.split().fitted(draws, &weights, 0.5 * n)?;
+            own = own.split().fitted(draws, 0.5 * draws.len() as f64)?;
         }
         Some(own)
     }
@@ -105,18 +102,18 @@ impl Proposal {
         self.components[0].mean.len()
     }
 
-    /// Proposal fitted to weighted draws by expectation-maximisation, from this one on; components that no draw supports
+    /// Proposal fitted to draws by expectation-maximisation, from this one on; components that no draw supports
     /// are dropped. `effective` is the effective number of the draws: with few, covariances are drawn towards the
     /// common one.
-    pub fn fitted(&self, draws: &[DVector<f64>], weights: &[f64], effective: f64) -> Option<Self> {
-        let d = self.components[0].mean.len();
+    fn fitted(&self, draws: &[DVector<f64>], effective: f64) -> Option<Self> {
+        let (d, weight) = (self.dimension(), 1.0 / draws.len() as f64);
         let mut own = self.clone();
         for _ in 0..EM_ROUNDS {
             let k = own.components.len();
             // Shares of the components in each draw, and the t distribution's own weight of it.
             let (mut sums, mut means) = (vec![0.0; k], vec![DVector::zeros(d); k]);
             let mut parts = Vec::with_capacity(draws.len());
-            for (z, weight) in draws.iter().zip(weights) {
+            for z in draws {
                 let logs: Vec<f64> =
                     own.log_weights.iter().zip(&own.components).map(|(w, c)| w + c.log_density(z)).collect();
                 let total = log_sum_exp(&logs);
@@ -178,7 +175,7 @@ impl Proposal {
 
     /// This proposal with each component split in two along its widest axis, so that a fit may follow a bent density.
     #[must_use]
-    pub fn split(&self) -> Self {
+    fn split(&self) -> Self {
         let halves = |(log_weight, c): (&f64, &Component)| {
             let scale = c.factor.l() * c.factor.l().transpose();
             let eigen = scale.symmetric_eigen();
@@ -291,7 +288,7 @@ mod tests {
                 DVector::from_element(1, 0.1 * normal + if i % 4 == 0 { 2.0 } else { -2.0 })
             })
             .collect();
-        let fitted = first.fitted(&draws, &vec![1.0 / 400.0; 400], 400.0).unwrap();
+        let fitted = first.fitted(&draws, 400.0).unwrap();
         let at = |z: f64| fitted.log_density(&DVector::from_element(1, z));
         assert!(((at(-2.0) - at(2.0)).exp() - 3.0).abs() < 0.7, "{} {}", at(-2.0), at(2.0));
         assert!(at(0.0) < at(2.0) - 4.0);

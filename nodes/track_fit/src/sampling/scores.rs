@@ -4,7 +4,6 @@ use crate::error::FitError;
 use crate::fitting::{OnRound, Problem};
 use nalgebra::DVector;
 use statrs::function::erf::{erfc, erfc_inv};
-use std::cell::Cell;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
 /// Least distance of a unit coordinate from 0 and 1 when it becomes a score: a score of 4.8.
@@ -18,18 +17,12 @@ pub struct Scores<'a> {
     problem: &'a Problem<'a>,
     measured: Vec<catenary_core::Track>,
     inflation: f64,
-    simulations: Cell<usize>,
 }
 
 impl<'a> Scores<'a> {
     /// Likelihood of a problem, with `inflation` times the variance of the stated noise.
     pub fn of(problem: &'a Problem<'a>, inflation: f64) -> Self {
-        Self { problem, measured: problem.measured(), inflation, simulations: Cell::new(0) }
-    }
-
-    /// Number of points that were simulated.
-    pub fn simulations(&self) -> usize {
-        self.simulations.get()
+        Self { problem, measured: problem.measured(), inflation }
     }
 
     /// Part of a point's cost that is due to Gaussian priors.
@@ -78,7 +71,6 @@ impl<'a> Scores<'a> {
                 }
             };
             likelihoods.extend(costs.into_iter().zip(&kept).map(|(cost, kept)| -0.5 * (cost / self.inflation + kept)));
-            self.simulations.set(self.simulations.get() + chunk.len());
             if on_round().is_break() {
                 return Err(FitError::Cancelled);
             }
