@@ -22,22 +22,10 @@ from catenary_inspect import posterior
 from scipy.stats import multivariate_normal
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+import motion
 from support.program import MODELS, PROGRAM
 
 BARS = range(4)
-STEPS = 16
-# Start of the hand, the box of its targets (hanging bars of 0.3 m touch the table in its lower part), and the largest action.
-LOW_M, HIGH_M, START_M, MOST_M = numpy.array([0.32, 0.22]), numpy.array([0.55, 0.47]), numpy.array([0.40, 0.42]), 0.06
-
-
-def actions(seed):
-    """Random walk of the target within the box, as rows of dx and dz in m."""
-    rng, at, rows = numpy.random.default_rng(seed), START_M, []
-    for _ in range(STEPS):
-        to = numpy.clip(at + rng.uniform(-MOST_M, MOST_M, 2), LOW_M, HIGH_M)
-        rows.append(to - at)
-        at = to
-    return rows
 
 
 def program(*arguments):
@@ -55,7 +43,7 @@ def infer(folder, bar, seed, preset):
         folder.mkdir(parents=True, exist_ok=True)
         table, bag = folder / "actions.csv", folder / "bag"
         with table.open("w", newline="") as file:
-            csv.writer(file).writerows([("dx_m", "dz_m"), *(map(repr, map(float, row)) for row in actions(seed))])
+            csv.writer(file).writerows([("dx_m", "dz_m"), *(map(repr, map(float, row)) for row in motion.actions(seed))])
         if not bag.exists():
             # Renamed when it is complete, so that an interrupted run leaves no half bag.
             measuring, half = ("--noise", "--seed", seed, "--fidelity", "reference"), folder / "half"

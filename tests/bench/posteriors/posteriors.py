@@ -32,6 +32,9 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bars"))
+import motion
+
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 MODELS = ROOT / "launch_configs/models"
 PROGRAM = ROOT / "target/release/catenary"
@@ -92,7 +95,8 @@ def optimum(simulator, seed):
     best, where = math.inf, None
     for start in range(STARTS):
         rng = numpy.random.default_rng([seed, start])
-        cheap = min(rng.random((64, simulator.columns)), key=lambda p: simulator.costs([p])[0])
+        draws = rng.random((64, simulator.columns))
+        cheap = draws[numpy.argmin(simulator.costs(draws))]
         options = {"bounds": [0, 1], "seed": 1 + seed + start, "verbose": -9, "maxfevals": EVALUATIONS}
         search = cma.CMAEvolutionStrategy(cheap, 0.15, options)
         while not search.stop():
@@ -184,11 +188,7 @@ def cases(arguments, out):
     for bar in range(arguments.bars):
         bag, table = out / f"bar_{bar}_bag", out / f"bar_{bar}.csv"
         if not bag.exists():
-            rng, at, rows = numpy.random.default_rng(1), numpy.array([0.40, 0.42]), []
-            for _ in range(16):
-                to = numpy.clip(at + rng.uniform(-0.06, 0.06, 2), [0.32, 0.22], [0.55, 0.47])
-                rows.append(to - at)
-                at = to
+            rows = motion.actions(1)
             table.write_text("dx_m,dz_m\n" + "".join(f"{x!r},{z!r}\n" for x, z in (map(float, row) for row in rows)))
             measuring = ("--noise", "--seed", 1, "--fidelity", "reference")
             program("simulate", "--model", MODELS / f"dlo_{bar}.yaml", "--actions", table, *measuring, "--out", bag)
