@@ -61,7 +61,7 @@ pub fn run(arguments: &EffectsArgs) -> Result<()> {
     }
     // A companion does nothing alone, so that it is listed only by its name.
     let is_asked = |name: &str| match arguments.name.as_slice() {
-        [] => !is_companion(registry, name),
+        [] => !registry.is_companion(name),
         names => names.iter().any(|n| n == name),
     };
     let asked: Vec<&dyn Effect> = registry.effects().filter(|e| is_asked(e.about().name)).collect();
@@ -90,11 +90,6 @@ fn words(rows: &[Row], is_sized: bool) -> String {
     std::iter::once(head).chain(rows.iter().map(entry)).collect::<Vec<_>>().join("\n")
 }
 
-/// Returns whether the named effect only sets where or how fast others act.
-fn is_companion(registry: &Registry, name: &str) -> bool {
-    registry.effects().any(|effect| effect.companions().contains(&name))
-}
-
 /// Smallest detectable size of each effect in an episode of these actions.
 fn sized(
     asked: Vec<&dyn Effect>,
@@ -106,7 +101,7 @@ fn sized(
     let name = actions.display().to_string();
     let text = catenary_shell::files::read_text("actions", actions).given()?;
     // Companions are no unknowns of the model: it fixes them.
-    let (companions, values): (Vec<_>, Vec<_>) = values.iter().partition(|(name, _)| is_companion(registry, name));
+    let (companions, values): (Vec<_>, Vec<_>) = values.iter().partition(|(name, _)| registry.is_companion(name));
     let mut model = model.clone();
     model.parameters.extend(companions.into_iter().cloned());
     let model = &model;

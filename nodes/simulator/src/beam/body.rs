@@ -148,6 +148,8 @@ impl Beam {
         self.contact.restart(self.parameters.table.as_ref(), &self.mesh, &self.state.position);
         self.increment.enable_motion(&self.parameters, self.mesh.clamped_node);
         self.increment.hysteresis.restart(&self.state.strain);
+        let tip = self.state.position.len() - 1;
+        self.increment.load.restart(self.parameters.tip_load, &self.state.position[tip], &self.state.velocity[tip]);
         if !self.terms.ageings.is_empty() {
             self.age_to(0.0);
         }

@@ -4,6 +4,7 @@ use super::body::Beam;
 use super::element::{self, Memory};
 use super::grip::GripReaction;
 use super::material::{self, AxialMix};
+use super::node::Node;
 
 /// Energy of a beam in J, by kind.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -106,6 +107,11 @@ impl Beam {
             energy.kinetic_j += 0.5 * (inertia[0] * (v[0] * v[0] + v[1] * v[1]) + inertia[2] * v[2] * v[2]);
             energy.potential_j -= inertia[0] * (gx * q[0] + gz * q[1]);
         }
+        if self.increment.load.acts() {
+            let [kinetic_j, potential_j] = self.increment.load.energy_j(self.tip_node(), self.parameters.gravity_m_s2);
+            energy.kinetic_j += kinetic_j;
+            energy.potential_j += potential_j;
+        }
         if let Some(table) = &self.parameters.table {
             energy.contact_j = self.contact.energy(table, mesh, &state.position);
         }
@@ -124,7 +130,7 @@ impl Beam {
 
     /// Linear momentum (x, z) in kg m/s.
     pub fn momentum_kg_m_s(&self) -> [f64; 2] {
-        let mut momentum = [0.0; 2];
+        let mut momentum = self.increment.load.momentum_kg_m_s();
         for (inertia, v) in self.mesh.inertia.iter().zip(&self.state.velocity) {
             momentum = [momentum[0] + inertia[0] * v[0], momentum[1] + inertia[1] * v[1]];
         }
@@ -136,6 +142,11 @@ impl Beam {
         let motion = self.state.position.iter().zip(&self.state.velocity);
         let of_node =
             |(m, (q, v)): (&[f64; 3], (&[f64; 3], &[f64; 3]))| m[0] * (q[0] * v[1] - q[1] * v[0]) + m[2] * v[2];
-        self.mesh.inertia.iter().zip(motion).map(of_node).sum()
+        let of_nodes: f64 = self.mesh.inertia.iter().zip(motion).map(of_node).sum();
+        of_nodes + self.increment.load.angular_momentum_kg_m2_s(self.tip_node())
+    }
+
+    fn tip_node(&self) -> &Node {
+        &self.state.position[self.state.position.len() - 1]
     }
 }

@@ -113,6 +113,7 @@ impl Mesh {
         }
         self.inertia[count][0] += p.tip_mass_kg;
         self.inertia[count][1] += p.tip_mass_kg;
+        self.inertia[count][2] += p.tip_load.inertia_kg_m2();
     }
 
     /// Sets all stiffnesses to `factor` times those at the start.

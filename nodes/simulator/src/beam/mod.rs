@@ -30,6 +30,7 @@ mod strand_friction;
 mod terms;
 #[cfg(test)]
 mod tests;
+mod tip_load;
 
 pub use body::{Beam, Counters};
 pub use discretisation::{Discretisation, Scheme};
@@ -44,3 +45,4 @@ pub use terms::{
     AgeingTerm, ElementMaterial, ElementPlace, ForceTerm, GripTerm, HystereticTerm, MaterialTerm, PointState, Reply,
     Terms,
 };
+pub use tip_load::TipLoad;

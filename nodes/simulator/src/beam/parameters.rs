@@ -2,6 +2,7 @@
 
 use super::error::{BeamError, require};
 use super::section::SectionProperties;
+use super::tip_load::TipLoad;
 use catenary_core::model::{AxialLaw, Section};
 
 /// Physical parameters of the beam. A parameter at zero is absent: it changes no bit of the motion.
@@ -59,6 +60,8 @@ pub struct BeamParameters {
     pub rest_curvature_gradient_per_m2: f64,
     /// Point mass at the tip in kg.
     pub tip_mass_kg: f64,
+    /// Load at the tip, whose centre may lie beyond it.
+    pub tip_load: TipLoad,
     /// Gravity (x, z) in m/s^2. It has an x part if the table is not level.
     pub gravity_m_s2: [f64; 2],
     /// True if a gripper holds the beam; a beam that is not held moves freely.
@@ -159,6 +162,7 @@ impl BeamParameters {
             rest_curvature_per_m: 0.0,
             rest_curvature_gradient_per_m2: 0.0,
             tip_mass_kg: 0.0,
+            tip_load: TipLoad::default(),
             gravity_m_s2: [0.0, -GRAVITY_M_S2],
             clamped: true,
             overhang_m: 0.0,
@@ -186,9 +190,9 @@ impl BeamParameters {
         }
     }
 
-    /// Returns the mass in kg, tip mass included.
+    /// Returns the mass in kg, with the tip mass and the load at the tip.
     pub fn mass_kg(&self) -> f64 {
-        self.mass_per_length_kg_m * self.length_m + self.tip_mass_kg
+        self.mass_per_length_kg_m * self.length_m + self.tip_mass_kg + self.tip_load.mass_kg
     }
 
     /// Checks every field.
@@ -217,6 +221,8 @@ impl BeamParameters {
             ("linear_drag_n_s_m2", self.linear_drag_n_s_m2),
             ("quadratic_drag_n_s2_m3", self.quadratic_drag_n_s2_m3),
             ("tip_mass_kg", self.tip_mass_kg),
+            ("tip_load.mass_kg", self.tip_load.mass_kg),
+            ("tip_load.gyration_radius_m", self.tip_load.gyration_radius_m),
             ("grip_compliance_rad_n_m", self.grip_compliance_rad_n_m),
             ("grip_slip_m_s", self.grip_slip_m_s),
         ];
@@ -227,6 +233,7 @@ impl BeamParameters {
         require("other_law_share", "0 to 1", self.other_law_share, |v| (0.0..=1.0).contains(&v))?;
         require("creep_fraction", "0 to below 1", self.creep_fraction, |v| (0.0..1.0).contains(&v))?;
         require("stiffness_gradient", "above -1 and below 1", self.stiffness_gradient, |v| v.abs() < 1.0)?;
+        require("tip_load.offset_m", "a finite number", self.tip_load.offset_m, |_| true)?;
         let finite = [self.rest_curvature_per_m, self.rest_curvature_gradient_per_m2];
         for value in finite.into_iter().chain(self.gravity_m_s2) {
             require(

@@ -15,6 +15,7 @@ use super::mesh::Mesh;
 use super::node::Node;
 use super::parameters::{BeamParameters, Table};
 use super::strand_friction::{LAYERS, Neutral, StrandFriction};
+use super::tip_load::LoadMotion;
 
 /// Quadratic drag at one node, linearised over the step: coefficient in N s/m, and the unit normal of the centre line.
 #[derive(Debug, Clone, Copy, Default)]
@@ -66,6 +67,7 @@ pub(super) struct Increment {
     /// State of the strands of each element.
     pub neutral_curvature: Vec<Neutral>,
     pub hysteresis: Hysteresis,
+    pub load: LoadMotion,
     /// True if there is any drag.
     pub drag: bool,
     pub linear_drag: f64,
@@ -153,6 +155,7 @@ impl Increment {
             strand_friction: StrandFriction::default(),
             neutral_curvature: vec![[0.0; LAYERS]; elements],
             hysteresis: Hysteresis::default(),
+            load: LoadMotion::default(),
             drag: false,
             linear_drag: 0.0,
             cross_drag: vec![CrossDrag::default(); elements + 1],
@@ -256,6 +259,9 @@ impl Increment {
                 potential += 0.5 * stiffness[i] * gap * gap;
             }
             *diagonal = [stiffness[0], 0.0, stiffness[1], 0.0, 0.0, stiffness[2]];
+        }
+        if self.load.acts() {
+            potential += self.load.add(self.rate, &position[position.len() - 1], system);
         }
         if self.drag {
             potential += self.add_drag(mesh, position, system);

@@ -26,10 +26,10 @@ const STRANDS_SLACK: [f64; 2] = [1e-16, 1e-13];
 
 /// Backward difference: the rate of y is `c0` y(now) + `c1` y(one step ago) + `c2` y(two steps ago).
 #[derive(Debug, Clone, Copy)]
-struct BackwardDifference {
-    c0: f64,
-    c1: f64,
-    c2: f64,
+pub(super) struct BackwardDifference {
+    pub c0: f64,
+    pub c1: f64,
+    pub c2: f64,
 }
 
 impl BackwardDifference {
@@ -167,6 +167,10 @@ impl Beam {
             for i in 0..3 {
                 target[i] = fall[i] - velocity[i] * inverse - acceleration[i] * inverse_2;
             }
+        }
+        if increment.load.acts() {
+            let tip = state.position_1.len() - 1;
+            increment.load.prepare(difference, &state.position_1[tip], &state.position_2[tip], [gx, gz]);
         }
         let (damping, creep) = (self.parameters.kelvin_voigt_time_s, self.parameters.creep_fraction);
         if damping > 0.0 {
@@ -338,6 +342,9 @@ impl Beam {
             for (acceleration, (force, inertia)) in forced {
                 (0..2).for_each(|i| acceleration[i] += force[i] / inertia[i]);
             }
+        }
+        if increment.load.acts() {
+            increment.load.end_step(rate, &state.position[state.position.len() - 1]);
         }
         let kept = state.direction.iter_mut().zip(&mut state.strain);
         for ((element, ends), (direction, strain)) in mesh.elements.iter().zip(state.position.windows(2)).zip(kept) {

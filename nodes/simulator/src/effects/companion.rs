@@ -1,4 +1,4 @@
-//! Companions: effects that do nothing alone, and set where and how fast others act.
+//! Companions: effects that do nothing alone, and set where, how fast or in which shape others act.
 
 use super::effect::{About, Effect, Hook, log_uniform, uniform};
 use crate::episode_model::{Companions, EpisodeModel};
@@ -11,6 +11,11 @@ pub(super) struct Companion {
 }
 
 impl Companion {
+    /// Makes a companion that sets the value which `value` returns.
+    pub fn new(about: About, if_absent: f64, value: fn(&mut EpisodeModel) -> &mut f64) -> Self {
+        Self { about, if_absent, value }
+    }
+
     /// Makes the companion `name` that sets a place, as a fraction of the length from the grip.
     pub fn place(name: &'static str, value: fn(&mut EpisodeModel) -> &mut f64) -> Self {
         let about = About {

@@ -57,6 +57,7 @@ mod table_friction;
 mod table_height;
 mod templates;
 mod term_effect;
+mod tip_load;
 mod tip_mass;
 mod unlisted;
 

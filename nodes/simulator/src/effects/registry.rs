@@ -6,7 +6,7 @@ use super::{
     creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle, grip_compliance,
     grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang, quadratic_drag,
     rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset, start_velocity, stiffness_gradient,
-    strand_friction, table_adhesion, table_friction, table_height, templates, tip_mass, unlisted,
+    strand_friction, table_adhesion, table_friction, table_height, templates, tip_load, tip_mass, unlisted,
 };
 use std::sync::{Arc, LazyLock};
 
@@ -32,6 +32,9 @@ impl Registry {
                 Arc::new(density::Density),
                 // forces
                 Arc::new(tip_mass::TipMass),
+                Arc::new(tip_load::offset()),
+                Arc::new(tip_load::gyration_radius()),
+                Arc::new(tip_load::TipLoad),
                 Arc::new(linear_drag::LinearDrag),
                 Arc::new(quadratic_drag::QuadraticDrag),
                 Arc::new(gravity_tilt::GravityTilt),
@@ -106,6 +109,11 @@ impl Registry {
     /// Returns the effects in the order in which they act.
     pub fn effects(&self) -> impl Iterator<Item = &dyn Effect> {
         self.effects.iter().map(AsRef::as_ref)
+    }
+
+    /// Returns whether the effect with a name does nothing alone, and sets how others act.
+    pub fn is_companion(&self, name: &str) -> bool {
+        self.effects().any(|effect| effect.companions().contains(&name))
     }
 
     /// Returns the effect with a name.

@@ -224,7 +224,8 @@ impl Parameter<'_> {
         let step = share * self.greatest;
         let index = simulator.model().theta.index_of(self.name);
         let given = request.effects.iter().find(|(name, _)| name == self.name).map(|(_, values)| values[0]);
-        let value = index.map_or(given.unwrap_or_default(), |i| request.thetas[0][i]);
+        let fixed = simulator.model().parameters.get(self.name).copied();
+        let value = index.map_or(given.or(fixed).unwrap_or_default(), |i| request.thetas[0][i]);
         let track = |value: f64| {
             let mut request = request.clone();
             match index {

@@ -77,16 +77,21 @@ fn sensitivities_are_the_derivatives_of_tracks_over_the_table() {
     let model = soft_bar();
     let cpu_time = || std::time::Duration::ZERO;
     let report = DerivativeTrial { model: &model, fidelity: Fidelity::Fast, episodes: 1, cpu_time }.run(|| ()).unwrap();
-    // Two effects are random and one changes the mesh: none of the three has a derivative of this kind.
+    // Two effects are random, one changes the mesh, and companions do nothing alone: they have no derivative of this kind.
     let left_out = ["dropped_frames", "keypoint_noise_px", "overhang_m"];
-    let expected = Registry::shipped().effects().filter(|e| !left_out.contains(&e.about().name)).count() + 2;
+    let registry = Registry::shipped();
+    let is_left_out = |name: &str| left_out.contains(&name) || registry.is_companion(name);
+    let expected = registry.effects().filter(|e| !is_left_out(e.about().name)).count() + 2;
     assert_eq!(report.rows.len(), expected, "{report:#?}");
     assert!(report.passes, "{report:#?}");
 }
 
 #[test]
-fn sensitivities_are_the_derivatives_of_a_cable_whose_strands_rub() {
-    let model = cable();
+fn sensitivities_are_the_derivatives_of_a_cable_whose_strands_rub_and_whose_tip_carries_a_load() {
+    let mut model = cable();
+    model.parameters.insert("tip_load_kg".into(), 0.2);
+    model.parameters.insert("tip_load_offset_m".into(), 0.05);
+    model.parameters.insert("tip_load_gyration_radius_m".into(), 0.03);
     let cpu_time = || std::time::Duration::ZERO;
     let trial = DerivativeTrial { model: &model, fidelity: Fidelity::Fast, episodes: 1, cpu_time };
     let report = trial.run(|| ()).unwrap();
@@ -94,5 +99,7 @@ fn sensitivities_are_the_derivatives_of_a_cable_whose_strands_rub() {
     // slope.
     let passes = report.rows.iter().filter(|row| row.name != "grip_compliance_rad_n_m").all(|row| row.passes);
     let has = |name| report.rows.iter().any(|row| row.name == name);
-    assert!(passes && has("slip_moment_n_m") && has("slip_spread_ratio"), "{report:#?}");
+    let named =
+        ["slip_moment_n_m", "slip_spread_ratio", "tip_load_kg", "tip_load_offset_m", "tip_load_gyration_radius_m"];
+    assert!(passes && named.into_iter().all(has), "{report:#?}");
 }

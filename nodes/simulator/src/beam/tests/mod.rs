@@ -2,6 +2,7 @@
 
 mod episode;
 mod friction;
+mod load;
 mod motion;
 mod repeatability;
 mod rest;

@@ -1,0 +1,130 @@
+//! Load at the tip: a rigid body fixed to the last section, whose centre of mass lies on the tangent beyond the tip.
+//!
+//! Its centre r(q) = (x, z) + offset (cos angle, sin angle) moves with the last node q. Velocities and accelerations of r follow
+//! the same backward differences as those of the nodes, so that a step adds m a0^2 |r(q) - target|^2 / 2 to the incremental
+//! potential. The turning inertia about the centre adds to that of the last node.
+
+use super::node::Node;
+use super::potential::System;
+use super::stepper::BackwardDifference;
+
+/// Rigid load at the tip.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct TipLoad {
+    /// Mass in kg; 0: no load.
+    pub mass_kg: f64,
+    /// Distance in m of the centre of mass from the tip, along the tangent. A negative one lies before the tip.
+    pub offset_m: f64,
+    /// Radius of gyration in m about the centre of mass.
+    pub gyration_radius_m: f64,
+}
+
+impl TipLoad {
+    /// Returns the turning inertia in kg m^2 about the centre of mass.
+    pub fn inertia_kg_m2(&self) -> f64 {
+        self.mass_kg * self.gyration_radius_m * self.gyration_radius_m
+    }
+
+    /// Returns the centre of mass (x, z) in m if the last node is at `tip`.
+    fn centre(&self, tip: &Node) -> [f64; 2] {
+        let (sin, cos) = tip[2].sin_cos();
+        [tip[0] + self.offset_m * cos, tip[1] + self.offset_m * sin]
+    }
+
+    /// Returns the centre's velocity (x, z) in m/s if the last node has the velocity `rate`.
+    fn velocity(&self, tip: &Node, rate: &Node) -> [f64; 2] {
+        let (sin, cos) = tip[2].sin_cos();
+        [rate[0] - self.offset_m * rate[2] * sin, rate[1] + self.offset_m * rate[2] * cos]
+    }
+}
+
+/// Motion of the load's centre of mass.
+#[derive(Debug, Clone, Default)]
+pub(super) struct LoadMotion {
+    load: TipLoad,
+    /// Velocities (x, z) in m/s now and one step ago.
+    velocity: [f64; 2],
+    velocity_1: [f64; 2],
+    /// Velocity at the centre's position zero in the step, as that of the nodes.
+    history: [f64; 2],
+    /// Position in m of a centre on which only gravity acts, as that of the nodes.
+    target: [f64; 2],
+}
+
+impl LoadMotion {
+    /// Starts at the last node's position and velocity.
+    pub fn restart(&mut self, load: TipLoad, tip: &Node, rate: &Node) {
+        let velocity = load.velocity(tip, rate);
+        *self = Self { load, velocity, velocity_1: velocity, ..Self::default() };
+    }
+
+    /// Returns true if there is a load.
+    #[inline(always)]
+    pub fn acts(&self) -> bool {
+        self.load.mass_kg > 0.0
+    }
+
+    /// Computes the parts of a step that the past fixes, from the last node one step and two steps ago.
+    pub fn prepare(&mut self, difference: BackwardDifference, one_ago: &Node, two_ago: &Node, gravity_m_s2: [f64; 2]) {
+        let inverse = 1.0 / difference.c0;
+        let (from, before) = (self.load.centre(one_ago), self.load.centre(two_ago));
+        for i in 0..2 {
+            self.history[i] = difference.c1 * from[i] + difference.c2 * before[i];
+            let acceleration = difference.c1 * self.velocity[i] + difference.c2 * self.velocity_1[i];
+            let fall = (gravity_m_s2[i] - acceleration) * inverse;
+            self.target[i] = (fall - self.history[i]) * inverse;
+        }
+    }
+
+    /// Prepares a step of implicit Euler of `step_s` from rest at `tip`.
+    pub fn prepare_from_rest(&mut self, step_s: f64, tip: &Node, gravity_m_s2: [f64; 2]) {
+        let centre = self.load.centre(tip);
+        self.target = [0, 1].map(|i| centre[i] + gravity_m_s2[i] * step_s * step_s);
+    }
+
+    /// Adds the load to gradient and Hessian at the last node, `tip`. Returns its part of the potential in J.
+    #[inline(always)]
+    pub fn add(&self, rate: f64, tip: &Node, system: &mut System) -> f64 {
+        let stiffness = self.load.mass_kg * rate * rate;
+        let (sin, cos) = tip[2].sin_cos();
+        let (along, across) = (self.load.offset_m * cos, self.load.offset_m * sin);
+        let gap = [tip[0] + along - self.target[0], tip[1] + across - self.target[1]];
+        let last = system.gradient.len() - 1;
+        let gradient = &mut system.gradient[last];
+        gradient[0] += stiffness * gap[0];
+        gradient[1] += stiffness * gap[1];
+        gradient[2] += stiffness * (along * gap[1] - across * gap[0]);
+        let diagonal = &mut system.matrix.diagonal[last];
+        diagonal[0] += stiffness;
+        diagonal[2] += stiffness;
+        diagonal[3] -= stiffness * across;
+        diagonal[4] += stiffness * along;
+        // The centre moves on a circle about the tip, which turns the force's lever.
+        diagonal[5] += stiffness * (self.load.offset_m * self.load.offset_m - along * gap[0] - across * gap[1]);
+        0.5 * stiffness * (gap[0] * gap[0] + gap[1] * gap[1])
+    }
+
+    /// Ends a step with the last node at `tip`.
+    pub fn end_step(&mut self, rate: f64, tip: &Node) {
+        let centre = self.load.centre(tip);
+        self.velocity_1 = self.velocity;
+        self.velocity = [0, 1].map(|i| rate * centre[i] + self.history[i]);
+    }
+
+    /// Returns kinetic energy and potential energy in gravity, in J, with the last node at `tip`.
+    pub fn energy_j(&self, tip: &Node, gravity_m_s2: [f64; 2]) -> [f64; 2] {
+        let (mass, [vx, vz], [x, z]) = (self.load.mass_kg, self.velocity, self.load.centre(tip));
+        [0.5 * mass * (vx * vx + vz * vz), -mass * (gravity_m_s2[0] * x + gravity_m_s2[1] * z)]
+    }
+
+    /// Returns the momentum (x, z) in kg m/s.
+    pub fn momentum_kg_m_s(&self) -> [f64; 2] {
+        self.velocity.map(|v| self.load.mass_kg * v)
+    }
+
+    /// Returns the angular momentum about the frame's origin in kg m^2/s, counter-clockwise, without the body's own rotation.
+    pub fn angular_momentum_kg_m2_s(&self, tip: &Node) -> f64 {
+        let [x, z] = self.load.centre(tip);
+        self.load.mass_kg * (x * self.velocity[1] - z * self.velocity[0])
+    }
+}
