@@ -1,5 +1,7 @@
 //! Pose of the clamped end of the object, and its path over time.
 
+mod smoothing;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -183,6 +183,18 @@ pub struct ObservationModel {
     /// velocities around the measured ones.
     #[serde(default)]
     pub start_velocity_sd_m_s: f64,
+    /// Standard deviation in m of the measured x and z of the clamped end. A measured path that drives the simulation is smoothed
+    /// by it; 0: the path is followed as it was measured.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub grip_position_sd_m: f64,
+    /// Standard deviation in rad of the measured pitch of the clamped end, of which the same holds.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub grip_pitch_sd_rad: f64,
+}
+
+// A field that says nothing is not written, so that fingerprints of models without it stay.
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Camera and its noise.

@@ -79,7 +79,10 @@ impl Episode {
         warnings.extend(seen.warnings);
         let mut seen = seen.kept;
         let is_path = model.observation.drive == DriveKind::Grip;
-        let (mut grip, mut begin_s) = (grip, 0.0);
+        // Held values are told by the path as it was measured; a simulation follows it without its noise.
+        let noise = &model.observation;
+        let smooth = if is_path { grip.smoothed(noise.grip_position_sd_m, noise.grip_pitch_sd_rad) } else { grip };
+        let (mut grip, mut begin_s) = (smooth, 0.0);
         let start = match model.observation.start {
             StartKind::HangingAtRest => StartShape::HangingAtRest,
             StartKind::Measured => {

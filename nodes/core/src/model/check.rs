@@ -12,6 +12,7 @@ const HIDDEN_LENGTH_M: [f64; 2] = [0.0, 0.1];
 const POSITION_M: [f64; 2] = [-10.0, 10.0];
 const JITTER_M: [f64; 2] = [0.0, 0.5];
 const POSE_NOISE_M: [f64; 2] = [0.0, 0.1];
+const PITCH_NOISE_RAD: [f64; 2] = [0.0, 0.5];
 const ANGLE_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
 const FRAME_PERIOD_S: [f64; 2] = [1e-4, 5.0];
 const START_VELOCITY_SD_M_S: [f64; 2] = [0.0, 5.0];
@@ -61,6 +62,8 @@ impl Model {
         }
         ModelError::within("observation.frame_period_s", FRAME_PERIOD_S, "s", o.frame_period_s)?;
         ModelError::within("observation.start_velocity_sd_m_s", START_VELOCITY_SD_M_S, "m/s", o.start_velocity_sd_m_s)?;
+        ModelError::within("observation.grip_position_sd_m", POSE_NOISE_M, "m", o.grip_position_sd_m)?;
+        ModelError::within("observation.grip_pitch_sd_rad", PITCH_NOISE_RAD, "rad", o.grip_pitch_sd_rad)?;
         self.camera.view.check()?;
         ModelError::within("camera.rate_hz", RATE_HZ, "Hz", self.camera.rate_hz)?;
         ModelError::within("camera.keypoint_noise_px", KEYPOINT_NOISE_PX, "px", self.camera.keypoint_noise_px)?;

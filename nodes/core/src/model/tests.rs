@@ -311,6 +311,8 @@ prop_compose! {
             nominal: nominal.map(|u| (names[0].clone(), if u < 0.5 { low } else { high })).into_iter().collect(),
             effects: (split..4).map(effect).collect(),
             observation: ObservationModel {
+                grip_position_sd_m: 1e-3,
+                grip_pitch_sd_rad: 1e-4,
                 drive: if round { DriveKind::Grip } else { DriveKind::Policy },
                 start: if round { StartKind::Measured } else { StartKind::HangingAtRest },
                 frames,
