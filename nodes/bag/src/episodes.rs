@@ -11,7 +11,7 @@ use crate::reader::{BagMessage, BagReader};
 use catenary_core::episode::{EpisodeError, MeasuredTrack};
 use catenary_core::{Episode, EpisodeLog, Model};
 use catenary_msgs::Interface;
-use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::geometry_msgs::msg::{PoseStamped, WrenchStamped};
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_shell::contract;
 use clocks::Clocks;
@@ -29,6 +29,8 @@ pub struct EpisodeTopics {
     pub keypoints: String,
     /// Poses of the hand, `/panda/current_pose` by default.
     pub pose: String,
+    /// Wrenches of the object on the hand, `/panda/external_wrench` by default.
+    pub wrench: String,
     /// Observations, `/policy/observation` by default.
     pub observation: String,
     /// Actions, `/policy/action` by default.
@@ -43,6 +45,7 @@ impl Default for EpisodeTopics {
         Self {
             keypoints: name(contract::KEYPOINTS),
             pose: name(contract::CURRENT_POSE),
+            wrench: name(contract::EXTERNAL_WRENCH),
             observation: name(contract::OBSERVATION),
             action: name(contract::ACTION),
             event: name(contract::EPISODE_EVENT),
@@ -51,10 +54,15 @@ impl Default for EpisodeTopics {
 }
 
 impl EpisodeTopics {
-    /// All five names.
+    /// All six names.
     #[must_use]
-    pub fn names(&self) -> [&str; 5] {
-        [&self.keypoints, &self.pose, &self.observation, &self.action, &self.event]
+    pub fn names(&self) -> [&str; 6] {
+        [&self.keypoints, &self.pose, &self.wrench, &self.observation, &self.action, &self.event]
+    }
+
+    /// Names of the streams: all but the events.
+    fn streams(&self) -> [&str; 5] {
+        [&self.keypoints, &self.pose, &self.wrench, &self.observation, &self.action]
     }
 }
 
@@ -74,7 +82,8 @@ const TOGETHER: f64 = 0.2;
 fn check_topics(bag: &BagReader, topics: &EpisodeTopics) -> Result<(), BagError> {
     // Types are checked once for each topic: a wrong type concerns all of its messages.
     let present = topics.names().into_iter().filter_map(|name| bag.topic(name));
-    if present.clone().next().is_none() {
+    // An arm publishes its wrench whatever it does: it makes no recording of episodes.
+    if present.clone().all(|entry| entry.topic.name == topics.wrench) {
         return Err(BagError::NoTopic {
             path: bag.path().to_owned(),
             needed: topics.names().join(", "),
@@ -86,6 +95,7 @@ fn check_topics(bag: &BagReader, topics: &EpisodeTopics) -> Result<(), BagError>
         match &topic.name {
             name if *name == topics.keypoints => topic.check::<Keypoints>(),
             name if *name == topics.pose => topic.check::<PoseStamped>(),
+            name if *name == topics.wrench => topic.check::<WrenchStamped>(),
             name if *name == topics.observation => topic.check::<Observation>(),
             name if *name == topics.action => topic.check::<EefDelta>(),
             _ => topic.check::<EpisodeEvent>(),
@@ -141,7 +151,7 @@ fn fill(
     log: &mut EpisodeLog,
     mut visit: impl FnMut(Episode),
 ) -> Result<(), BagError> {
-    let streams = [&topics.keypoints, &topics.pose, &topics.observation, &topics.action];
+    let streams = topics.streams();
     let mut newest_ns: BTreeMap<String, i64> = BTreeMap::new();
     let mut most = MOST_HELD;
     let mut events = Events::default();
@@ -189,7 +199,7 @@ pub fn read_episodes(bag: &BagReader, topics: &EpisodeTopics) -> Result<EpisodeL
 
 /// Reads the records of the episodes that `log` keeps, all of them at once.
 fn read_kept(bag: &BagReader, topics: &EpisodeTopics, log: &mut EpisodeLog) -> Result<(), BagError> {
-    let streams = [&topics.keypoints, &topics.pose, &topics.observation, &topics.action];
+    let streams = topics.streams();
     for message in bag.messages_of(&streams) {
         if let Some(message) = intact(message)? {
             log.set_in_order(bag.is_usual_time(message.log_time_ns));
@@ -371,6 +381,8 @@ fn record(
     Ok(match &message.topic.name {
         name if *name == topics.keypoints => feed::<Keypoints>(log, message, clocks)?.0,
         name if *name == topics.pose => feed::<PoseStamped>(log, message, clocks)?.0,
+        // Its clock is that of the poses, which the same node publishes.
+        name if *name == topics.wrench => feed::<WrenchStamped>(log, message, None)?.0,
         name if *name == topics.observation => feed::<Observation>(log, message, clocks)?.0,
         name if *name == topics.action => feed::<EefDelta>(log, message, clocks)?.0,
         _ => {

@@ -30,6 +30,7 @@ fn tracks() -> Samples {
             target: [0.1, 0.5],
             eef: [0.4 + 0.1 * rng.random::<f64>(), 0.3 + 0.1 * rng.random::<f64>(), 0.0],
             action: [0.0; 2],
+            wrench: None,
         });
         let track = Track { frames: frames.collect(), end: End::Complete };
         let input = TrackInput::new(&track, FRAMES).expect("the tracks are finite and of that length");

@@ -12,7 +12,8 @@ const METHOD: u32 = 2;
 pub fn fingerprint(model: &Model, measured: &[MeasuredTrack], policy: Option<&Policy>, settings: &Settings) -> u64 {
     // A model leaves out some fields at their defaults, and the encoding has no field names. These fields come first.
     let limit = model.arm.law.reference_limit_m_s();
-    let defaults = (&model.nominal, &model.lacking, model.task.map(|task| task.goal), limit);
+    let defaults =
+        (&model.nominal, &model.lacking, model.task.map(|task| task.goal), limit, model.observation.defaults());
     identity::fingerprint(&(env!("CARGO_PKG_VERSION"), METHOD, defaults, model, measured, policy, settings))
 }
 

@@ -11,8 +11,9 @@ use sha2::{Digest, Sha256};
 /// therefore changes the fingerprints of a type; a saved fingerprint is then no longer found, which is safe.
 ///
 /// Pass a tuple to identify several values together. The encoding does not show which field was left out by
-/// `skip_serializing_if`: pass such fields beside the value. [`crate::Model`] has four: `nominal`, `lacking`, the goal of
-/// its task, and the speed limit of its arm's law ([`crate::model::ArmLaw::reference_limit_m_s`]).
+/// `skip_serializing_if`: pass such fields beside the value. [`crate::Model`] has these: `nominal`, `lacking`, the goal of
+/// its task, the speed limit of its arm's law ([`crate::model::ArmLaw::reference_limit_m_s`]), and those of its observation
+/// ([`crate::model::ObservationModel::defaults`]).
 ///
 /// # Panics
 /// If `Serialize` fails for the value, as for an iterator of unknown length. The types of this crate never do.

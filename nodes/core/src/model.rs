@@ -190,11 +190,54 @@ pub struct ObservationModel {
     /// Standard deviation in rad of the measured pitch of the clamped end, of which the same holds.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub grip_pitch_sd_rad: f64,
+    /// True if the keypoints are compared with the simulator's. False leaves the wrench alone; the shape at the start is the
+    /// measured one all the same, and the networks of an inference still look at the keypoints.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub keypoints: bool,
+    /// Noise of the wrench on the hand; none if the wrench is not compared.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wrench: Option<WrenchNoise>,
 }
 
 // A field that says nothing is not written, so that fingerprints of models without it stay.
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_yes(value: &bool) -> bool {
+    *value
+}
+
+/// Noise of the wrench on the hand. An arm that estimates the wrench from the torques of its joints errs more where its own friction and
+/// inertia count: along the motion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WrenchNoise {
+    /// Standard deviations of the force along x and along z, N.
+    pub force_sd_n: [f64; 2],
+    /// Standard deviation of the torque about y, N m.
+    pub torque_sd_n_m: f64,
+}
+
+impl WrenchNoise {
+    /// Standard deviations in the order of a frame's wrench: N, N, N m.
+    #[must_use]
+    pub fn sds(&self) -> [f64; 3] {
+        [self.force_sd_n[0], self.force_sd_n[1], self.torque_sd_n_m]
+    }
+}
+
+impl ObservationModel {
+    /// Fields that a model file leaves out at their defaults, for fingerprints.
+    #[must_use]
+    pub fn defaults(&self) -> (bool, Option<WrenchNoise>, [f64; 2]) {
+        (self.keypoints, self.wrench, [self.grip_position_sd_m, self.grip_pitch_sd_rad])
+    }
 }
 
 /// Camera and its noise.

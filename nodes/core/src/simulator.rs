@@ -184,6 +184,9 @@ pub struct FrameDerivative {
     pub target: [f64; 2],
     /// Derivative of the end effector's x and z in m and its pitch in rad.
     pub eef: [f64; 3],
+    /// Derivative of the wrench on the hand: force along x and z in N, torque about +y in N m; zero if it is not observed.
+    #[serde(default)]
+    pub wrench: [f64; 3],
 }
 
 /// Track with its derivatives with respect to parameters.

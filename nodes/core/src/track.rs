@@ -17,6 +17,11 @@ pub struct Frame {
     pub eef: [f64; 3],
     /// Action (dx, dz) in m that follows this time; zero if none follows.
     pub action: [f64; 2],
+    /// Wrench of the object on the hand at the clamped end (panda_hand_tcp), in panda_link0: force along x and z in N, torque about +y
+    /// in N m; none if it is not observed. A hanging object has a negative force along z. A torque about +y turns z towards x,
+    /// so that a load at x > 0 of the hand has a positive one.
+    #[serde(default)]
+    pub wrench: Option<[f64; 3]>,
 }
 
 /// Reason for the end of a simulated or a measured episode.
@@ -82,7 +87,7 @@ mod tests {
     fn the_spread_is_that_of_all_keypoints_in_the_plane() {
         let camera = Camera::Plane(crate::camera::Plane { side_m: 2.0, ..Default::default() });
         let dlo = [[-0.1, 0.0], [0.1, 0.0], [0.0, -0.1], [0.0, 0.1]];
-        let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None };
         let track = Track { frames: vec![frame; 3], end: End::Complete };
         assert!((spread_mm([&track, &track], &camera).unwrap() - 100.0).abs() < 1e-9);
         assert_eq!(spread_mm([&Track::default()], &camera), None);

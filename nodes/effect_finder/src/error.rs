@@ -75,7 +75,9 @@ impl From<FitError> for FinderError {
             FitError::NoFit(reason) => Self::NoFit(reason),
             FitError::Simulator(error) => Self::Simulator(error),
             FitError::Cancelled => Self::Cancelled("fit"),
-            FitError::Drive { .. } | FitError::Noise { .. } | FitError::PoseNoise { .. } => Self::Episode(error),
+            FitError::Drive { .. } | FitError::Nothing { .. } | FitError::Noise { .. } | FitError::PoseNoise { .. } => {
+                Self::Episode(error)
+            }
         }
     }
 }

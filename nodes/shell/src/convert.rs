@@ -238,12 +238,14 @@ pub fn grip_pose_from_msg(pose: &Pose) -> GripPose {
 #[must_use]
 pub fn track_to_msg(track: &Track) -> TrackMsg {
     let frames = || track.frames.iter();
+    let is_felt = frames().any(|f| f.wrench.is_some());
     TrackMsg {
         time: frames().map(|f| f.time_s).collect(),
         dlo: frames().flat_map(|f| f.dlo.into_iter().flatten()).collect(),
         target: frames().flat_map(|f| f.target).collect(),
         eef: frames().flat_map(|f| f.eef).collect(),
         action: frames().flat_map(|f| f.action).collect(),
+        wrench: frames().filter(|_| is_felt).flat_map(|f| f.wrench.unwrap_or([f64::NAN; 3])).collect(),
         end: track.end.name().to_owned(),
     }
 }
@@ -260,7 +262,9 @@ pub fn track_from_msg(message: &TrackMsg) -> Result<Track, ConvertError> {
         ("eef", message.eef.len(), 3),
         ("action", message.action.len(), 2),
     ];
-    if let Some((field, got, each)) = sizes.into_iter().find(|(_, got, each)| *got != n * each) {
+    let is_felt = !message.wrench.is_empty();
+    let wrench = is_felt.then_some(("wrench", message.wrench.len(), 3));
+    if let Some((field, got, each)) = sizes.into_iter().chain(wrench).find(|(_, got, each)| *got != n * each) {
         return Err(error(field, format!("{each} numbers for each of {n} moments"), got));
     }
     let end = End::from_name(&message.end).ok_or_else(|| error("end", "an end of an episode", &message.end))?;
@@ -270,6 +274,9 @@ pub fn track_from_msg(message: &TrackMsg) -> Result<Track, ConvertError> {
         target: [message.target[2 * i], message.target[2 * i + 1]],
         eef: std::array::from_fn(|k| message.eef[3 * i + k]),
         action: [message.action[2 * i], message.action[2 * i + 1]],
+        wrench: is_felt
+            .then(|| std::array::from_fn(|k| message.wrench[3 * i + k]))
+            .filter(|w: &[f64; 3]| !w[0].is_nan()),
     };
     Ok(Track { frames: (0..n).map(frame).collect(), end })
 }
@@ -301,9 +308,16 @@ mod tests {
             target: [0.8, 0.9],
             eef: [1.0, 1.1, 1.2],
             action: [0.01, -0.02],
+            wrench: None,
         };
-        let track = Track { frames: vec![frame(0.0), frame(0.5)], end: End::StepLimit };
+        let mut track = Track { frames: vec![frame(0.0), frame(0.5)], end: End::StepLimit };
         assert_eq!(track_from_msg(&track_to_msg(&track)).unwrap(), track);
+        assert!(track_to_msg(&track).wrench.is_empty(), "a track without a wrench is no longer for it");
+        track.frames[1].wrench = Some([0.1, -4.0, 0.2]);
+        let mut message = track_to_msg(&track);
+        assert_eq!(track_from_msg(&message).unwrap(), track);
+        message.wrench.pop();
+        assert_eq!(track_from_msg(&message).unwrap_err().field, "wrench");
     }
 
     #[test]

@@ -44,10 +44,8 @@ pub struct HandWrench {
 impl HandWrench {
     /// Returns the wrench of a held beam on the hand.
     pub fn of(beam: &Beam) -> Self {
-        let held = beam.grip_reaction();
-        // The moment on the hand is minus the moment on the beam. Counter-clockwise in x-z is about -y. The two signs
-        // cancel.
-        Self { force_n: [-held.force_x_n, -held.force_z_n], moment_y_n_m: held.moment_n_m }
+        let [x, z, moment_y_n_m] = beam.wrench_on_hand();
+        Self { force_n: [x, z], moment_y_n_m }
     }
 }
 

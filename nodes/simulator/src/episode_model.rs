@@ -23,10 +23,33 @@ pub struct EpisodeModel {
     pub arm: ArmSettings,
     /// Camera.
     pub camera: CameraSettings,
+    /// Sensor of the wrench on the hand; none if the model does not observe the wrench.
+    pub wrench: Option<WrenchSettings>,
     /// Place and frequency of the templates.
     pub templates: Companions,
     /// Place and frequency of the unlisted effects.
     pub unlisted: Companions,
+}
+
+/// Answer of an effect of the wrench's sensor if the model does not observe the wrench.
+pub const NO_WRENCH: &str = "a model that observes the wrench (observation.wrench)";
+
+/// Sensor of the wrench on the hand. Wrenches are in the order of [`catenary_core::Frame::wrench`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WrenchSettings {
+    /// Bias: measured less true wrench, in N, N and N m.
+    pub bias: [f64; 3],
+    /// Age in s of a wrench at its stamp.
+    pub delay_s: f64,
+    /// Standard deviations of the noise, in N, N and N m.
+    pub noise_sd: [f64; 3],
+}
+
+impl WrenchSettings {
+    /// Makes the settings of a sensor without faults but noise.
+    pub fn new(noise_sd: [f64; 3]) -> Self {
+        Self { bias: [0.0; 3], delay_s: 0.0, noise_sd }
+    }
 }
 
 /// Values that set where and how fast effects act. They do nothing alone.

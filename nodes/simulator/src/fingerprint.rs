@@ -22,7 +22,7 @@ fn hash(model: &Model, outcome: &Result<Vec<f64>, String>) -> u64 {
     // full, so that no two models have one encoding.
     let Model { nominal, lacking, task, arm, .. } = model;
     let (goal, limit) = (task.map(|task| task.goal), arm.law.reference_limit_m_s());
-    identity::fingerprint(&(nominal, lacking, goal, limit, model, outcome))
+    identity::fingerprint(&(nominal, lacking, goal, limit, model.observation.defaults(), model, outcome))
 }
 
 /// Simulates the probe episode: the hand goes sideways and turns a little.
@@ -47,9 +47,12 @@ fn probe(model: &Model) -> Result<Vec<Track>, String> {
     simulator.simulate(&request).map_err(|e| e.to_string())
 }
 
-/// Returns keypoints, target and hand pose of every frame.
+/// Returns keypoints, target, hand pose, and the wrench if it is observed, of every frame.
 fn numbers(track: &Track) -> Vec<f64> {
-    let frame = |frame: &catenary_core::Frame| [frame.dlo.concat(), frame.target.to_vec(), frame.eef.to_vec()].concat();
+    let frame = |frame: &catenary_core::Frame| {
+        let wrench = frame.wrench.map_or(Vec::new(), |wrench| wrench.to_vec());
+        [frame.dlo.concat(), frame.target.to_vec(), frame.eef.to_vec(), wrench].concat()
+    };
     track.frames.iter().flat_map(frame).collect()
 }
 
@@ -58,7 +61,7 @@ mod tests {
     use super::*;
     use crate::model_text;
     use catenary_core::Goal;
-    use catenary_core::model::{ArmLaw, Impedance};
+    use catenary_core::model::{ArmLaw, Impedance, WrenchNoise};
 
     const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
     const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
@@ -87,9 +90,13 @@ mod tests {
             model.arm.law = ArmLaw::Impedance(law);
             model
         };
+        let mut wrench = model.clone();
+        wrench.observation.wrench = Some(WrenchNoise { force_sd_n: [1.0, 0.1], torque_sd_n_m: 0.05 });
+        let mut alone = wrench.clone();
+        alone.observation.keypoints = false;
         let stiff = with_law(Impedance::default());
         let slow = with_law(Impedance { max_speed_m_s: Some(0.1), ..Impedance::default() });
-        let hashes = [&model, &goal, &nominal, &stiff, &slow].map(|m| hash(m, &outcome));
+        let hashes = [&model, &goal, &nominal, &stiff, &slow, &wrench, &alone].map(|m| hash(m, &outcome));
         let different: std::collections::HashSet<u64> = hashes.into_iter().collect();
         assert_eq!(different.len(), hashes.len(), "{hashes:?}");
     }

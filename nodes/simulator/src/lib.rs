@@ -17,6 +17,7 @@ pub mod simulator;
 pub mod vector_env;
 pub mod verification;
 pub mod workers;
+mod wrench_sensor;
 
 pub use backend::Backend;
 pub use effects::Registry;

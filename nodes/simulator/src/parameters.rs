@@ -2,7 +2,7 @@
 
 use crate::beam::{BeamError, BeamParameters, StartChange, Table, Terms};
 use crate::effects::Registry;
-use crate::episode_model::{ArmSettings, CameraSettings, Companions, EpisodeModel};
+use crate::episode_model::{ArmSettings, CameraSettings, Companions, EpisodeModel, WrenchSettings};
 use catenary_core::Model;
 use catenary_core::spelling::did_you_mean;
 use std::collections::BTreeMap;
@@ -260,6 +260,7 @@ impl<'r> Values<'r> {
             grip_angle_rad: model.object.grip_angle_rad,
             arm: ArmSettings::new(model.arm.law, model.delta_anchor()),
             camera: CameraSettings::new(model.camera.view, model.camera.keypoint_noise_px),
+            wrench: model.observation.wrench.map(|noise| WrenchSettings::new(noise.sds())),
             templates: Companions::default(),
             unlisted: Companions::default(),
         };

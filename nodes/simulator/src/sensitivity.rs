@@ -135,6 +135,7 @@ fn difference(track: &Track, changed: &Track, by: f64) -> Vec<FrameDerivative> {
         dlo: std::array::from_fn(|k| [0, 1].map(|i| slope(a.dlo[k][i], b.dlo[k][i]))),
         target: [0, 1].map(|i| slope(a.target[i], b.target[i])),
         eef: [0, 1, 2].map(|i| slope(a.eef[i], b.eef[i])),
+        wrench: a.wrench.zip(b.wrench).map_or([0.0; 3], |(a, b)| [0, 1, 2].map(|i| slope(a[i], b[i]))),
     };
     track.frames.iter().zip(&changed.frames).map(of_frame).collect()
 }
@@ -197,7 +198,7 @@ impl LockstepGroup<'_> {
 
     /// Advances all simulations to `time_s`. `pose(i, t)` gives the grip of simulation i at time t in s.
     fn advance(&mut self, time_s: f64, pose: impl Fn(usize, f64) -> GripPose) {
-        if self.simulations().any(|simulation| simulation.imperfect_camera().has_memory()) {
+        if self.simulations().any(|simulation| simulation.has_memory()) {
             let step_s = self.first.beam().discretisation().time_step_s;
             loop {
                 let next_s = self.first.beam().time_s() + step_s;
@@ -209,6 +210,7 @@ impl LockstepGroup<'_> {
             }
         }
         self.advance_beams(time_s, &pose);
+        self.simulations().for_each(EpisodeSimulation::remember_wrench);
     }
 
     fn advance_beams(&mut self, time_s: f64, pose: impl Fn(usize, f64) -> GripPose) {
@@ -224,6 +226,7 @@ mod tests {
     use crate::BeamSimulator;
     use crate::parameters::tests::{cable, soft_bar};
     use catenary_core::mlp::Layer;
+    use catenary_core::model::WrenchNoise;
     use catenary_core::policy::Observes;
     use catenary_core::simulator::{DifferentiableSimulator, Drive, StartShape};
     use catenary_core::{DeltaAnchor, Fidelity, GripPose, GripTrajectory, Mlp, Policy, SimulationRequest, Simulator};
@@ -299,6 +302,46 @@ mod tests {
             let found = derivative.dlo[3][0];
             assert!((found - difference).abs() < 1e-3 * difference.abs(), "frame {frame}: {found}, {difference}");
         }
+    }
+
+    /// The wrench of the axial, shear and bending forces is much stiffer than the keypoints: a difference over larger steps, at a fine
+    /// tolerance, is the derivative.
+    #[test]
+    fn the_wrench_is_differentiated_too() {
+        let mut model = cable();
+        model.observation.wrench = Some(WrenchNoise { force_sd_n: [1.0, 0.1], torque_sd_n_m: 0.05 });
+        let path = |t: f64| GripPose { x_m: 0.4 + 0.05 * (6.0 * t).sin(), z_m: 1.3, pitch_rad: 0.0 };
+        let times_s: Vec<f64> = (0..=100).map(|i| 0.01 * f64::from(i)).collect();
+        let request = SimulationRequest {
+            thetas: vec![vec![0.1, 0.02, 0.5, 0.5, 0.05, 1.0, 0.0]],
+            drive: Drive::Grip(
+                GripTrajectory::new(times_s.clone(), times_s.iter().map(|t| path(*t)).collect()).unwrap(),
+            ),
+            frame_times_s: vec![0.0, 0.3, 0.61, 0.9],
+            noise: false,
+            ..request()
+        };
+        let simulator = BeamSimulator::new(&model, 1).unwrap().with_tolerance(1e-12);
+        let names = ["tip_mass_kg", "wrench_bias_z_n", "wrench_delay_s"];
+        let found = simulator.sensitivities(&request, &names).unwrap().remove(0);
+        assert_eq!(found.track, simulator.simulate(&request).unwrap()[0]);
+        let at = |name: &str, value: f64| {
+            let effects = vec![(name.to_owned(), vec![value])];
+            simulator.simulate(&SimulationRequest { effects, ..request.clone() }).unwrap().remove(0)
+        };
+        for (name, derivatives) in names.iter().zip(&found.derivatives) {
+            let (before, after) = (at(name, 0.0), at(name, 1e-5));
+            for (frame, derivative) in derivatives.iter().enumerate() {
+                let wrench = |track: &catenary_core::Track| track.frames[frame].wrench.unwrap();
+                for i in 0..3 {
+                    let difference = (wrench(&after)[i] - wrench(&before)[i]) / 1e-5;
+                    let (found, scale) = (derivative.wrench[i], difference.abs().max(1.0));
+                    assert!((found - difference).abs() < 5e-3 * scale, "{name} {frame} {i}: {found}, {difference}");
+                }
+            }
+        }
+        let weight = found.derivatives[0][0].wrench[1];
+        assert!((weight + 9.81).abs() < 1e-3, "a mass at the tip pulls down: {weight}");
     }
 
     #[test]

@@ -234,6 +234,7 @@ impl DifferentiableSimulator for BeamSimulator {
 mod tests {
     use super::*;
     use crate::parameters::tests::{cable, soft_bar};
+    use catenary_core::model::WrenchNoise;
     use catenary_core::simulator::StartShape;
     use catenary_core::track::End;
     use catenary_core::{Frame, GripPose, GripTrajectory};
@@ -324,6 +325,34 @@ mod tests {
             assert!(moved < 1e-4, "moved by {moved} of half an image");
             assert_eq!(track.end, End::Complete);
         }
+    }
+
+    /// An observed wrench changes no bit of the keypoints. At rest it is the weight, at the lever of the bar's centre of mass.
+    #[test]
+    fn the_wrench_is_an_addition_and_at_rest_the_weight_at_its_lever() {
+        let poses =
+            vec![GripPose { x_m: 0.4, z_m: 0.9, pitch_rad: 0.0 }, GripPose { x_m: 0.43, z_m: 0.9, pitch_rad: 0.1 }];
+        let mut request = request(Drive::Grip(GripTrajectory::new(vec![0.1, 0.4], poses).unwrap()), 2);
+        request.thetas = vec![vec![0.25, 5e4]; 2];
+        request.frame_times_s = vec![0.0, 0.051, 0.2, 0.333, 0.8];
+        let observing = |drives| {
+            let mut model = soft_bar();
+            model.observation.wrench = drives;
+            BeamSimulator::new(&model, 1).unwrap()
+        };
+        let noise = WrenchNoise { force_sd_n: [1.0, 0.1], torque_sd_n_m: 0.05 };
+        let (without, mut with) =
+            (observing(None).simulate(&request).unwrap(), observing(Some(noise)).simulate(&request).unwrap());
+        assert!(with.iter().flat_map(|t| &t.frames).all(|f| f.wrench.is_some()));
+        with.iter_mut().flat_map(|t| &mut t.frames).for_each(|f| f.wrench = None);
+        assert_eq!(without, with);
+        request.noise = false;
+        let exact = observing(Some(noise)).simulate(&request).unwrap().remove(0);
+        let [x, z, y] = exact.frames[0].wrench.unwrap();
+        let weight_n = 9.81 * 1055.0 * 0.015 * 0.015 * 0.25;
+        assert!(x.abs() < 1e-6 && (z + weight_n).abs() < 1e-3 * weight_n, "{x} {z}, {weight_n}");
+        // The bar is gripped at its end and points to +x: its weight turns the hand about +y, by less than at half the length, as it sags.
+        assert!(y > 0.2 * weight_n * 0.125 && y < weight_n * 0.125, "{y}");
     }
 
     #[test]

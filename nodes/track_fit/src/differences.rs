@@ -120,6 +120,10 @@ fn derivative(track: &Track, pair: &[Track], span: f64) -> Vec<FrameDerivative> 
             dlo: std::array::from_fn(|k| std::array::from_fn(|i| (above[k][i] - below[k][i]) / span)),
             target: std::array::from_fn(|i| (high.target[i] - low.target[i]) / span),
             eef: std::array::from_fn(|i| (high.eef[i] - low.eef[i]) / span),
+            wrench: low
+                .wrench
+                .zip(high.wrench)
+                .map_or([0.0; 3], |(low, high)| std::array::from_fn(|i| (high[i] - low[i]) / span)),
         }
     };
     track.frames.iter().enumerate().map(of).collect()

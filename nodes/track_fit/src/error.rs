@@ -14,6 +14,14 @@ pub enum FitError {
         /// Drive of the model.
         drive: &'static str,
     },
+    /// Episode without the wrench, for a model that compares nothing else.
+    #[error(
+        "{episode}: the model leaves the keypoints out (observation.keypoints: false): expected the wrench of the episode, got none"
+    )]
+    Nothing {
+        /// Name of the episode.
+        episode: String,
+    },
     /// Camera without keypoint noise: residuals have no unit in which they could be tested.
     #[error("model: camera.keypoint_noise_px: expected more than 0, the unit of the residuals, got {got}")]
     Noise {

@@ -35,7 +35,7 @@ fn pattern(name: &str, i: usize) -> FrameDerivative {
     let phase = name.bytes().map(f64::from).sum::<f64>();
     let rate = 0.4 + 0.05 * name.len() as f64;
     let wave = |k: usize, axis: usize| (phase + rate * i as f64 + 1.3 * k as f64 + 2.1 * axis as f64).sin();
-    FrameDerivative { dlo: std::array::from_fn(|k| [wave(k, 0), wave(k, 1)]), target: [0.0; 2], eef: [0.0; 3] }
+    FrameDerivative { dlo: std::array::from_fn(|k| [wave(k, 0), wave(k, 1)]), ..FrameDerivative::default() }
 }
 
 impl Toy {
@@ -57,7 +57,14 @@ impl Toy {
                     (0..2).for_each(|axis| dlo[k][axis] += self.gain * value * by.dlo[k][axis]);
                 }
             }
-            Frame { time_s: 0.1 * i as f64, dlo, target: [0.0; 2], eef: [0.4, 0.4, 0.0], action: [0.0; 2] }
+            Frame {
+                time_s: 0.1 * i as f64,
+                dlo,
+                target: [0.0; 2],
+                eef: [0.4, 0.4, 0.0],
+                action: [0.0; 2],
+                wrench: None,
+            }
         };
         Track { frames: (0..FRAMES).map(frame).collect(), end: End::Complete }
     }
@@ -129,4 +136,5 @@ pub fn episode(toy: &Toy, theta: [f64; 2], effects: &[(&str, f64)]) -> MeasuredE
     episode
 }
 
-const EMPTY: Frame = Frame { time_s: 0.0, dlo: [[0.0; 2]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+const EMPTY: Frame =
+    Frame { time_s: 0.0, dlo: [[0.0; 2]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None };

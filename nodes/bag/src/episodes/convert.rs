@@ -2,11 +2,11 @@
 //!
 //! It knows neither files nor the graph. Conversions for all nodes are in [`catenary_shell::convert`].
 
-use catenary_core::episode::{EpisodeStart, MeasuredPose};
+use catenary_core::episode::{EpisodeStart, MeasuredPose, is_base_frame};
 use catenary_core::{EpisodeLog, Observation};
 use catenary_msgs::Interface;
 use catenary_msgs::builtin_interfaces::msg::Time as Stamp;
-use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::geometry_msgs::msg::{PoseStamped, WrenchStamped};
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation as ObservationMsg};
 use catenary_shell::convert::{ConvertError, anchor_from_msg, grip_pose_from_msg, keypoints_from_msg};
 use catenary_shell::stamp;
@@ -64,6 +64,25 @@ impl Feed for PoseStamped {
         // Nothing is added before the last check: a refused message must leave no trace.
         log.push_frame(self.stamp_ns(), &self.header.frame_id);
         log.push_pose(self.stamp_ns(), MeasuredPose { grip: grip_pose_from_msg(&self.pose), y_m: p.y });
+        Ok(())
+    }
+}
+
+impl Feed for WrenchStamped {
+    fn stamp_ns(&self) -> i64 {
+        stamp_ns(&self.header.stamp)
+    }
+
+    fn feed(&self, log: &mut EpisodeLog) -> Result<(), ConvertError> {
+        let wrench = [self.wrench.force.x, self.wrench.force.z, self.wrench.torque.y];
+        finite("wrench", wrench)?;
+        let frame = &self.header.frame_id;
+        if !is_base_frame(frame) {
+            // In the hand's own frame the components along x and z are others.
+            let expected = "panda_link0".to_owned();
+            return Err(ConvertError { field: "header.frame_id", expected, got: frame.clone() });
+        }
+        log.push_wrench(self.stamp_ns(), wrench);
         Ok(())
     }
 }
@@ -147,7 +166,13 @@ mod tests {
         assert!(wrong(EpisodeEvent { event: 7, ..EpisodeEvent::default() }.feed(&mut log)).contains('7'));
         assert!(wrong(EpisodeEvent::default().feed(&mut log)).contains("step_period"));
         assert!(wrong(EefDelta { dx: f64::INFINITY, ..EefDelta::default() }.feed(&mut log)).contains("inf"));
-        assert_eq!(log.summary(), untouched);
+        let mut felt = WrenchStamped::default();
+        felt.header.frame_id = "panda_hand".into();
+        assert!(wrong(felt.feed(&mut log)).contains("header.frame_id"));
+        felt.header.frame_id.clear();
+        felt.wrench.torque.y = f64::NAN;
+        assert!(wrong(felt.feed(&mut log)).contains("wrench"));
+        assert_eq!((log.summary(), log.held()), (untouched, 0));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::episodes::convert::Feed;
 use catenary_core::episode::{EpisodeError, is_base_frame};
 use catenary_core::{Episode, EpisodeLog};
-use catenary_msgs::geometry_msgs::msg::PoseStamped;
+use catenary_msgs::geometry_msgs::msg::{PoseStamped, WrenchStamped};
 use catenary_msgs::msg::{EefDelta, EpisodeEvent, Keypoints, Observation};
 use catenary_shell::{
     Act, Flaw, GoalHandle, Intake, Msg, Names, Node, Received, ShellError, Subscription, contract, stamp,
@@ -26,7 +26,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Log of the episodes on the topics, filled while it lives: the last complete episode and open ones.
 pub struct LiveEpisodes {
     log: Arc<Mutex<EpisodeLog>>,
-    _subscriptions: [Subscription; 5],
+    _subscriptions: [Subscription; 6],
 }
 
 impl LiveEpisodes {
@@ -38,6 +38,8 @@ impl LiveEpisodes {
         let log = Arc::new(Mutex::new(EpisodeLog::default()));
         let keypoints = intake::<Keypoints>(node, &contract::KEYPOINTS, Names { one: "keypoints", many: "keypoints" })?;
         let poses = intake::<PoseStamped>(node, &contract::CURRENT_POSE, Names { one: "pose", many: "poses" })?;
+        let wrenches =
+            intake::<WrenchStamped>(node, &contract::EXTERNAL_WRENCH, Names { one: "wrench", many: "wrenches" })?;
         let actions = intake::<EefDelta>(node, &contract::ACTION, Names { one: "action", many: "actions" })?;
         let seen = Names { one: "observation", many: "observations" };
         let observations = intake::<Observation>(node, &contract::OBSERVATION, seen)?;
@@ -53,6 +55,8 @@ impl LiveEpisodes {
                 doubt_frame(&doubted, &received.message);
                 Ok(())
             })?,
+            // No episode waits for it: a model need not observe it.
+            follow::<WrenchStamped>(node, &log, &wrenches, |_| Ok(()))?,
             follow::<EefDelta>(node, &log, &actions, |_| Ok(()))?,
             follow::<Observation>(node, &log, &observations, |_| Ok(()))?,
             follow::<EpisodeEvent>(node, &log, &events, move |received| {

@@ -200,7 +200,7 @@ mod tests {
         if flip {
             dlo.reverse();
         }
-        let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None };
         Track { frames: vec![frame], end: End::Complete }
     }
 
@@ -288,7 +288,14 @@ mod tests {
                 if flip {
                     dlo.reverse();
                 }
-                Frame { time_s: 0.1 * i as f64, dlo, target: [0.0; 2], eef: [0.0, 0.5, 0.0], action: [0.0; 2] }
+                Frame {
+                    time_s: 0.1 * i as f64,
+                    dlo,
+                    target: [0.0; 2],
+                    eef: [0.0, 0.5, 0.0],
+                    action: [0.0; 2],
+                    wrench: None,
+                }
             };
             Track { frames: (0..9).map(frame).collect(), end: End::Complete }
         };
@@ -320,7 +327,7 @@ mod tests {
                 let x = theta * SLOPES[i][k] + jitter_m + lack_m + TOY_NOISE_M * rng.sample::<f64, _>(StandardNormal);
                 [x, 0.1 * (k as f64 + 1.0) + jitter_m + TOY_NOISE_M * rng.sample::<f64, _>(StandardNormal)]
             });
-            Frame { time_s: i as f64, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] }
+            Frame { time_s: i as f64, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None }
         };
         Track { frames: (0..TOY_FRAMES).map(frame).collect(), end: End::Complete }
     }

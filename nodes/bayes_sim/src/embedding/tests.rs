@@ -24,7 +24,7 @@ fn features(embedding: &Embedding, parameters: &[f32], points: &[f32]) -> Vec<f3
 }
 
 fn frame(dlo: [[f64; 2]; 4]) -> Frame {
-    Frame { time_s: 0.25, dlo, target: [0.1, 0.5], eef: [0.4, 0.3, 0.2], action: [0.01, -0.02] }
+    Frame { time_s: 0.25, dlo, target: [0.1, 0.5], eef: [0.4, 0.3, 0.2], action: [0.01, -0.02], wrench: None }
 }
 
 #[test]

@@ -29,6 +29,7 @@ fn samples(n: usize, dimension: usize) -> Samples {
             target: [0.1, 0.2],
             eef: [0.4 + 0.1 * rng.random::<f64>(), 0.3, 0.0],
             action: [0.0; 2],
+            wrench: None,
         };
         let track = Track { frames: (0..frames).map(|f| frame(f, &mut rng)).collect(), end: End::Complete };
         samples.push(&TrackInput::new(&track, FRAMES).unwrap(), &theta);

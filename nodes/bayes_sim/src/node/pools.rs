@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 const REPLY_BYTES: usize = 48_000;
 /// Size of one frame of a track on the wire: 17 numbers of 8 bytes.
 const FRAME_BYTES: usize = 17 * 8;
+/// Size of a frame's wrench, if the model observes it.
+const WRENCH_BYTES: usize = 3 * 8;
 /// Assumed frames of a track whose length depends on the steps of a policy: 16 steps and the start.
 const DEFAULT_FRAMES: usize = 17;
 /// Period at which the pools in the graph are updated.
@@ -172,8 +174,9 @@ struct Batch<'scope, 'a> {
 impl Simulator for PoolsSimulator<'_> {
     fn simulate(&self, request: &SimulationRequest) -> Result<Vec<Track>, SimulatorError> {
         let frames = request.frame_times_s.len().max(DEFAULT_FRAMES);
+        let frame_bytes = FRAME_BYTES + self.model.observation.wrench.map_or(0, |_| WRENCH_BYTES);
         let limits =
-            Limits { stall_s: self.pools.stall_s.get(), ..Limits::of_parts(REPLY_BYTES / (frames * FRAME_BYTES)) };
+            Limits { stall_s: self.pools.stall_s.get(), ..Limits::of_parts(REPLY_BYTES / (frames * frame_bytes)) };
         let (mut state, begun_s) = (lock(&self.state), self.now_s());
         let lost_before = lost(&state.dispatch);
         state.dispatch.begin(request.thetas.len(), limits, begun_s);

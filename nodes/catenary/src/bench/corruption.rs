@@ -98,7 +98,7 @@ mod tests {
     const POINTS: [[f64; 2]; 4] = [[0.0, 0.1], [0.0, 0.3], [0.0, 0.6], [0.0, 1.0]];
 
     fn seen(corruption: Corruption) -> Vec<[[f64; 2]; 4]> {
-        let frame = Frame { time_s: 0.0, dlo: POINTS, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        let frame = Frame { time_s: 0.0, dlo: POINTS, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None };
         let track = Track { frames: vec![frame; 500], end: End::Complete };
         corruption.apply(&track, 256.0, &mut seed::rng(1, 0)).frames.iter().map(|f| f.dlo).collect()
     }

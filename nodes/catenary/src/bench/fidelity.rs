@@ -57,7 +57,7 @@ pub fn run(arguments: &FidelityArgs) -> Result<()> {
 fn stress(arguments: &FidelityArgs, episodes: usize, workers: usize) -> Result<Vec<StressReport>> {
     let model = model_file::read_or_soft_bar(arguments.model.as_deref())?;
     let registry = Registry::shipped();
-    let extremes = default_extremes(registry);
+    let extremes = default_extremes(registry, &model);
     let levels = [Fidelity::Fast, Fidelity::Standard];
     let bar = ProgressBar::new((levels.len() * episodes) as u64);
     bar.set_style(progress::style("random episodes [{bar:20}] {pos}/{len}", 0.0)?);

@@ -148,7 +148,14 @@ mod tests {
         let model = crate::inputs::model_file::read_or_soft_bar(None).unwrap();
         let judge = Judge::of(&model).unwrap();
         // The distance of all keypoints from the target is x, so that the reward is 1 - 2 x / 1.5.
-        let frame = |x| Frame { time_s: 0.0, dlo: [[x, 0.0]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        let frame = |x| Frame {
+            time_s: 0.0,
+            dlo: [[x, 0.0]; 4],
+            target: [0.0; 2],
+            eef: [0.0; 3],
+            action: [0.0; 2],
+            wrench: None,
+        };
         let track = |x, end| Track { frames: vec![frame(1.0), frame(x), frame(0.75)], end };
         let scored = |tracks: [Track; 2]| tracks.map(|track| Scored::of(&track, &judge));
         let first = of(Path::new("a"), &scored([track(0.75, End::StepLimit), track(0.15, End::StepLimit)]), None);

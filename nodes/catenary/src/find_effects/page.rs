@@ -406,6 +406,9 @@ fn part(part: &Part, episodes: &[UsedEpisode]) -> String {
             format!("{}, {} in the picture", keypoint(point), ["across", "up and down"][axis])
         }
         Part::Quantity(data::Quantity::Pose { axis }) => format!("arm, {}", ["x", "z", "pitch"][axis]),
+        Part::Quantity(data::Quantity::Wrench { axis }) => {
+            format!("wrench on the hand, {}", ["force along x", "force along z", "torque about y"][axis])
+        }
         Part::Window { episode, from_s, to_s } => {
             format!("{}, {from_s:.2} to {to_s:.2} s", episodes[episode].name)
         }

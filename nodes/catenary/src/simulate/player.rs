@@ -138,9 +138,12 @@ impl<'a> Player<'a> {
         [(later.x_m - now.x_m) / VELOCITY_BASE_S, (later.z_m - now.z_m) / VELOCITY_BASE_S]
     }
 
-    /// Force and moment of the object on the hand.
-    pub fn wrench(&self) -> HandWrench {
-        HandWrench::of(self.simulation.beam())
+    /// Force and moment of the object on the hand: as the model's sensor measures them, or the true ones if the model does not observe them.
+    pub fn wrench(&mut self) -> HandWrench {
+        match self.simulation.wrench(self.time_s) {
+            Some([x, z, moment_y_n_m]) => HandWrench { force_n: [x, z], moment_y_n_m },
+            None => HandWrench::of(self.simulation.beam()),
+        }
     }
 
     /// Keypoints and target as the model's camera sees them now.

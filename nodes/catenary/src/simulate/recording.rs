@@ -197,7 +197,7 @@ impl Recording {
     }
 
     /// Writes the measurements of the arm.
-    pub fn arm(&mut self, player: &Player<'_>) -> Result<()> {
+    pub fn arm(&mut self, player: &mut Player<'_>) -> Result<()> {
         let mut noise = |sd: f64| sd * Distribution::<f64>::sample(&StandardNormal, &mut self.noise);
         let sd_m = self.facts.pose_noise_m;
         let exact = player.grip();

@@ -82,7 +82,7 @@ impl<'a> Show<'a> {
             recording.set_time(at_ns);
         }
         match tick {
-            Tick::Arm => self.sinks.recording.as_mut().map_or(Ok(()), |(_, recording)| recording.arm(&self.player)),
+            Tick::Arm => self.sinks.recording.as_mut().map_or(Ok(()), |(_, recording)| recording.arm(&mut self.player)),
             Tick::Camera(frame) => self.see(frame),
             Tick::Step(step) => self.step(time_s, step),
             Tick::Compare(frame) => {

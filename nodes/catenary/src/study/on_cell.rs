@@ -147,6 +147,7 @@ fn track(policy: &Policy, task: &Task, observations: &[Observation], end: End) -
             // x and z in m, and a pitch of 0, which an observation does not have.
             eef: [o.eef_m()[0], o.eef_m()[1], 0.0],
             action: if acts { policy.act(o, &mut memory) } else { [0.0; 2] },
+            wrench: None,
         }
     };
     Track { frames: observations.iter().enumerate().map(frame).collect(), end }

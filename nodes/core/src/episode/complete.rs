@@ -36,6 +36,8 @@ pub struct Episode {
     pub keypoints: Vec<(f64, Keypoints)>,
     /// Poses of the hand with their times in s, in order of time.
     pub poses: Vec<(f64, MeasuredPose)>,
+    /// Wrenches of the object on the hand, in the order of [`crate::Frame::wrench`], with their times in s, in order of time.
+    pub wrenches: Vec<(f64, [f64; 3])>,
     /// Actions (dx, dz) in m with the numbers of their steps, in order of steps.
     pub actions: Vec<(u32, [f64; 2])>,
     /// Observations with the numbers of their steps, in order of steps. A regular end adds one observation after the

@@ -65,6 +65,7 @@ type Steps<T> = BTreeMap<(u32, i64, u32), T>;
 pub struct EpisodeLog {
     keypoints: Stream<Keypoints>,
     poses: Stream<MeasuredPose>,
+    wrenches: Stream<[f64; 3]>,
     actions: Steps<[f64; 2]>,
     observations: Steps<Observation>,
     /// Starts, by number of the episode and stamp.
@@ -225,7 +226,7 @@ impl EpisodeLog {
 
     /// Number of the records of streams that are held in memory.
     pub fn held(&self) -> usize {
-        self.keypoints.len() + self.poses.len() + self.actions.len() + self.observations.len()
+        self.keypoints.len() + self.poses.len() + self.wrenches.len() + self.actions.len() + self.observations.len()
     }
 
     /// Takes the kept episodes out of the log that ended before `before_ns`, with all their records. Later records of
@@ -241,6 +242,7 @@ impl EpisodeLog {
         let only = self.only.take().unwrap_or_default();
         self.keypoints.retain(|stamp_ns, _| only.holds(*stamp_ns));
         self.poses.retain(|stamp_ns, _| only.holds(*stamp_ns));
+        self.wrenches.retain(|stamp_ns, _| only.holds(*stamp_ns));
         self.actions.retain(|(number, stamp_ns, _), _| only.holds_step(*number, *stamp_ns));
         self.observations.retain(|(number, stamp_ns, _), _| only.holds_step(*number, *stamp_ns));
         self.only = Some(only);
@@ -308,6 +310,14 @@ impl EpisodeLog {
         }
     }
 
+    /// Records the wrench of the object on the hand at `stamp_ns`, in the order of [`crate::Frame::wrench`].
+    pub fn push_wrench(&mut self, stamp_ns: i64, wrench: [f64; 3]) {
+        // An episode has it or not: its stamps add nothing to the doubts about the clocks of keypoints and poses.
+        if self.only.as_ref().is_none_or(|only| !only.counts && only.holds(stamp_ns)) {
+            self.wrenches.insert(stamp_ns, wrench, !self.out_of_order);
+        }
+    }
+
     /// Records action `step` (dx, dz in m) of an episode.
     pub fn push_action(&mut self, stamp_ns: i64, episode: u32, step: u32, delta_m: [f64; 2]) {
         if self.takes(RecordKind::Action, stamp_ns, |only| only.holds_step(episode, stamp_ns)) {
@@ -370,6 +380,7 @@ impl EpisodeLog {
         let kept = |stamp_ns: i64| stamp_ns >= from_ns || whole.as_ref().is_some_and(|w| w.contains(&stamp_ns));
         self.keypoints.retain(|stamp_ns, _| kept(*stamp_ns));
         self.poses.retain(|stamp_ns, _| kept(*stamp_ns));
+        self.wrenches.retain(|stamp_ns, _| kept(*stamp_ns));
         self.foreign_frames.retain(|stamp_ns, _| kept(*stamp_ns));
         self.actions.retain(|(_, stamp_ns, _), _| kept(*stamp_ns));
         self.observations.retain(|(_, stamp_ns, _), _| kept(*stamp_ns));
@@ -498,6 +509,7 @@ impl EpisodeLog {
             end: self.ends[&(number, end_ns)].clone(),
             keypoints: self.keypoints.range(from_ns..=end_ns).map(|(t, k)| (since_s(*t), *k)).collect(),
             poses: self.poses.range(from_ns..=end_ns).map(|(t, p)| (since_s(*t), *p)).collect(),
+            wrenches: self.wrenches.range(from_ns..=end_ns).map(|(t, w)| (since_s(*t), *w)).collect(),
             actions: in_order(self.actions.range(steps.clone())),
             observations: in_order(self.observations.range(steps)),
             mixed: self.mixed(from_ns, end_ns),

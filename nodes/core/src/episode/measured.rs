@@ -3,7 +3,7 @@
 use super::complete::Episode;
 use super::coverage::{few_warning, frame_warning, path_coverage, start_warning};
 use super::error::EpisodeError;
-use super::plausible::{self, HandLimits, KEYPOINTS, POSES};
+use super::plausible::{self, HandLimits, KEYPOINTS, POSES, WRENCHES};
 use super::rate::{interval_doubt, slow_doubt};
 use super::start::measured_start;
 use super::view::view_warning;
@@ -126,6 +126,13 @@ impl Episode {
             return Err(self.missing_because(&warnings, needed));
         }
         warnings.extend(few_warning(&frames, model));
+        if model.observation.wrench.is_some() {
+            warnings.extend(self.add_wrench(&mut frames, begin_s));
+            if !model.observation.keypoints && frames.iter().all(|frame| frame.wrench.is_none()) {
+                let needed = "a wrench on /panda/external_wrench, for a model that observes nothing else (observation.keypoints: false)";
+                return Err(self.missing_because(&warnings, needed));
+            }
+        }
         // The target stands still, in the simulator too: the median drops frames that mistake something else for it. A target that jumps is unlike
         // any simulation, and would count for more in the inference than the object does.
         let target = median_place(frames.iter().map(|frame| frame.target));
@@ -144,6 +151,27 @@ impl Episode {
             target_m: target.and_then(|t| camera.plane_from_scaled(t)),
             warnings,
         })
+    }
+
+    /// Adds the wrench to frames whose times are counted from `begin_s`. Returns the doubts about it.
+    fn add_wrench(&self, frames: &mut [Frame], begin_s: f64) -> Vec<String> {
+        let felt = plausible::wrenches(&self.wrenches);
+        let wrenches: Vec<_> = frames.iter().map(|frame| felt.at(frame.time_s + begin_s)).collect();
+        let (got, of) = (wrenches.iter().flatten().count(), frames.len());
+        let mut warnings = felt.warnings;
+        if 2 * got < of {
+            let found = self.wrenches.len();
+            warnings.push(format!("{WRENCHES}: expected the wrench at the times of the {of} frames, got it at {got} ({found} records in all): this episode is compared by its keypoints alone"));
+            return warnings;
+        }
+        if got < of {
+            warnings.push(format!(
+                "{WRENCHES}: {} of {of} frames have no wrench near them, and are compared without it",
+                of - got
+            ));
+        }
+        frames.iter_mut().zip(wrenches).for_each(|(frame, wrench)| frame.wrench = wrench);
+        warnings
     }
 
     /// Warning about keypoints outside of the view of the model's camera.
@@ -206,7 +234,14 @@ impl Episode {
             let time_s = i as f64 * self.start.step_period_s;
             let [x, z] = o.eef_m();
             let action = actions.get(i).copied().unwrap_or_default();
-            Frame { time_s, dlo: o.dlo(), target: o.target(), eef: [x, z, grip.at(time_s).pitch_rad], action }
+            Frame {
+                time_s,
+                dlo: o.dlo(),
+                target: o.target(),
+                eef: [x, z, grip.at(time_s).pitch_rad],
+                action,
+                wrench: None,
+            }
         };
         observations.iter().enumerate().map(frame).collect()
     }
@@ -246,7 +281,7 @@ fn sampled_frames(keypoints: &[(f64, Keypoints)], model: &Model, grip: &GripTraj
         target = k.target_scaled().unwrap_or(target);
         let p = grip.at(*time_s);
         let eef = [p.x_m, p.z_m, p.pitch_rad];
-        frames.push(Frame { time_s: *time_s, dlo: k.dlo_scaled(), target, eef, action: [0.0; 2] });
+        frames.push(Frame { time_s: *time_s, dlo: k.dlo_scaled(), target, eef, action: [0.0; 2], wrench: None });
     }
     frames
 }

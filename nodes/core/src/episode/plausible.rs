@@ -10,6 +10,7 @@ mod repeats;
 mod spikes;
 #[cfg(test)]
 mod tests;
+mod wrench;
 
 pub(super) use chain::{MOST_LEFT_OUT, at, seconds};
 pub use hand::MeasuredPose;
@@ -18,3 +19,4 @@ pub(super) use held::without_held;
 pub(super) use length::of_usual_length;
 pub(super) use object::{KEYPOINTS, keypoints, zero_warning};
 pub use repeats::{HeldRun, HeldSummary, PlacedFrame, held_runs, held_summaries};
+pub(super) use wrench::{WRENCHES, wrenches};

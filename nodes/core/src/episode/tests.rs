@@ -1,6 +1,7 @@
 //! Tests of episodes and tracks from logs.
 
 mod doubtful;
+mod wrench;
 
 use super::*;
 use crate::model::{DriveKind, StartKind};

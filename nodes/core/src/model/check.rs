@@ -16,6 +16,9 @@ const PITCH_NOISE_RAD: [f64; 2] = [0.0, 0.5];
 const ANGLE_RAD: [f64; 2] = [-std::f64::consts::TAU, std::f64::consts::TAU];
 const FRAME_PERIOD_S: [f64; 2] = [1e-4, 5.0];
 const START_VELOCITY_SD_M_S: [f64; 2] = [0.0, 5.0];
+/// From the resolution of the best force sensors to the limits of a Panda.
+const FORCE_SD_N: [f64; 2] = [1e-4, 1e3];
+const TORQUE_SD_N_M: [f64; 2] = [1e-5, 1e2];
 const RATE_HZ: [f64; 2] = [0.1, 1e4];
 const KEYPOINT_NOISE_PX: [f64; 2] = [0.0, 100.0];
 
@@ -64,6 +67,7 @@ impl Model {
         ModelError::within("observation.start_velocity_sd_m_s", START_VELOCITY_SD_M_S, "m/s", o.start_velocity_sd_m_s)?;
         ModelError::within("observation.grip_position_sd_m", POSE_NOISE_M, "m", o.grip_position_sd_m)?;
         ModelError::within("observation.grip_pitch_sd_rad", PITCH_NOISE_RAD, "rad", o.grip_pitch_sd_rad)?;
+        self.check_wrench()?;
         self.camera.view.check()?;
         ModelError::within("camera.rate_hz", RATE_HZ, "Hz", self.camera.rate_hz)?;
         ModelError::within("camera.keypoint_noise_px", KEYPOINT_NOISE_PX, "px", self.camera.keypoint_noise_px)?;
@@ -71,6 +75,22 @@ impl Model {
         self.check_arm()?;
         self.check_lacking()?;
         self.task.as_ref().map_or(Ok(()), task)
+    }
+
+    /// Checks the noise of the wrench, and that something is observed.
+    fn check_wrench(&self) -> Result<(), ModelError> {
+        let Some(noise) = self.observation.wrench else {
+            let expected = "true, or observation.wrench: without both nothing is observed";
+            return match self.observation.keypoints {
+                true => Ok(()),
+                false => Err(ModelError::value("observation.keypoints", expected, false)),
+            };
+        };
+        noise
+            .force_sd_n
+            .into_iter()
+            .try_for_each(|sd| ModelError::within("observation.wrench.force_sd_n", FORCE_SD_N, "N", sd))?;
+        ModelError::within("observation.wrench.torque_sd_n_m", TORQUE_SD_N_M, "N m", noise.torque_sd_n_m)
     }
 
     /// Path of the field that sets the parameter `name`: `parameters.NAME`, `theta.NAME` or `effects.NAME`. It is

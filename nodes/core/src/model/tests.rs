@@ -318,6 +318,8 @@ prop_compose! {
                 frames,
                 frame_period_s: lengths[2].clamp(1e-4, 5.0),
                 start_velocity_sd_m_s: lengths[3].min(5.0),
+                keypoints: !round || frames % 2 == 0,
+                wrench: round.then(|| WrenchNoise { force_sd_n: [0.5, lengths[3].clamp(1e-4, 1e3)], torque_sd_n_m: 0.1 }),
             },
             camera: CameraModel {
                 view: if round {

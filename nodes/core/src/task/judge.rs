@@ -382,7 +382,14 @@ mod tests {
 
     #[test]
     fn a_track_is_judged_step_by_step() {
-        let frame = |x| Frame { time_s: 0.0, dlo: [[x, 0.0]; 4], target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+        let frame = |x| Frame {
+            time_s: 0.0,
+            dlo: [[x, 0.0]; 4],
+            target: [0.0; 2],
+            eef: [0.0; 3],
+            action: [0.0; 2],
+            wrench: None,
+        };
         let track = |end| Track { frames: vec![frame(1.0), frame(0.15), frame(0.0)], end };
         let reach = judge(Goal::Reach, 0.75);
         let score = reach.score(&track(End::StepLimit));

@@ -4,7 +4,7 @@
 //! "Bayesian calibration of computer models"). Along the object it is the sum of three processes of equal mean variance:
 //! a curvature error that is white along the centre line, whose displacement grows towards the tip; a displacement of all
 //! keypoints; and an error of each keypoint by itself. A model that lacks something moves all keypoints together: if they
-//! counted as independent, every comparison would be certain. Both image axes, and the coordinates of the pose, are
+//! counted as independent, every comparison would be certain. Both image axes, and the coordinates of the pose and of the wrench, are
 //! independent. The covariance is added to that of the noise, so that the discrepancy competes with the effects: if it
 //! explains the data better than every effect, no effect is named.
 
@@ -12,7 +12,7 @@ use nalgebra::{Cholesky, DMatrix, DMatrixViewMut, DVector, Dyn, SMatrix, SVector
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
-use track_fit::data::{Channel, MeasuredEpisode};
+use track_fit::data::{Channel, MeasuredEpisode, Quantity};
 use track_fit::fitting::Fit;
 
 /// Tried standard deviations, in standard deviations of the noise.
@@ -76,24 +76,26 @@ fn along_the_object() -> SMatrix<f64, POINTS, POINTS> {
 /// independent of each other; each mode has its own factor over time.
 #[derive(Debug, Clone)]
 struct Factor {
-    /// Number of quantities of a frame: keypoints, point by point and axis by axis, then the pose.
+    /// Number of quantities of a frame: keypoints, point by point and axis by axis, then the pose, then the wrench.
     quantities: usize,
+    /// True if the keypoints are among them.
+    is_seen: bool,
     /// Modes of the keypoints' errors along the object, one a column.
     modes: SMatrix<f64, POINTS, POINTS>,
-    /// Factor over time of each mode, and of a coordinate of the pose.
+    /// Factor over time of each mode, and of a coordinate of the pose or of the wrench.
     over_time: [Cholesky<f64, Dyn>; POINTS + 1],
 }
 
 impl Factor {
     /// Factor of an episode with frames at `times_s`; none if a covariance is not positive definite.
-    fn new(times_s: &[f64], quantities: usize, discrepancy: Discrepancy) -> Option<Self> {
+    fn new(times_s: &[f64], (quantities, is_seen): (usize, bool), discrepancy: Discrepancy) -> Option<Self> {
         let SymmetricEigen { eigenvectors: modes, eigenvalues } = along_the_object().symmetric_eigen();
         let n = times_s.len();
         let smooth = DMatrix::from_fn(n, n, |i, j| discrepancy.covariance(times_s[i] - times_s[j]));
         // The noise is white and has unit variance in these units.
         let factor = |variance: f64| (DMatrix::identity(n, n) + variance * &smooth).cholesky();
         let [a, b, c, d] = [0, 1, 2, 3].map(|mode| factor(eigenvalues[mode]));
-        Some(Self { quantities, modes, over_time: [a?, b?, c?, d?, factor(1.0)?] })
+        Some(Self { quantities, is_seen, modes, over_time: [a?, b?, c?, d?, factor(1.0)?] })
     }
 
     /// Number of frames of the episode.
@@ -103,12 +105,14 @@ impl Factor {
 
     /// Factor over time of a quantity, after the keypoints were turned to modes.
     fn of(&self, quantity: usize) -> &Cholesky<f64, Dyn> {
-        &self.over_time[(quantity / AXES).min(POINTS)]
+        let mode = if self.is_seen { (quantity / AXES).min(POINTS) } else { POINTS };
+        &self.over_time[mode]
     }
 
     /// Multiplies the keypoints of each frame and axis by `matrix`. Rows are ordered by frame and within a frame by quantity.
     fn turn(&self, rows: &mut DMatrixViewMut<'_, f64>, matrix: &SMatrix<f64, POINTS, POINTS>) {
-        let columns = rows.ncols();
+        // Without keypoints there is nothing along the object.
+        let columns = if self.is_seen { rows.ncols() } else { 0 };
         for (frame, column) in (0..self.frames()).flat_map(|frame| (0..columns).map(move |column| (frame, column))) {
             for axis in 0..AXES {
                 let place = |point: usize| (self.quantities * frame + AXES * point + axis, column);
@@ -141,7 +145,8 @@ impl Whitening {
             let channels = episode.channels(index);
             let quantities = channels.iter().take_while(|c| c.frame == 0).count().max(1);
             let times: Vec<f64> = channels.iter().step_by(quantities).map(|c: &Channel| c.time_s).collect();
-            Factor::new(&times, quantities, discrepancy)
+            let is_seen = matches!(channels.first().map(|c| c.quantity), Some(Quantity::Keypoint { .. }));
+            Factor::new(&times, (quantities, is_seen), discrepancy)
         };
         Some(Self { episodes: episodes.iter().enumerate().map(factor).collect::<Option<_>>()? })
     }
@@ -219,7 +224,6 @@ pub fn gain_beside_discrepancy(episodes: &[MeasuredEpisode], less: &DVector<f64>
 mod tests {
     use super::*;
     use catenary_core::seed;
-    use track_fit::data::Quantity;
     use track_fit::toy::{self, Toy};
 
     #[test]

@@ -30,7 +30,8 @@ pub fn candidates(registry: &Registry, model: &Model) -> Result<Vec<Candidate>, 
     let is_open = |about: &About| Candidate::is_open(about.name, model) && vetoes.iter().all(|v| v != about.name);
     // An effect of several numbers is no candidate of one.
     let is_one_number = |e: &&dyn Effect| e.companions().is_empty() && !registry.is_companion(e.about().name);
-    let open = registry.effects().filter(is_one_number).map(|e| e.about()).filter(is_open);
+    let concerned = registry.effects().filter(|e| e.concerns(model));
+    let open = concerned.filter(is_one_number).map(|e| e.about()).filter(is_open);
     let candidate = |about: About| Candidate {
         name: about.name.to_owned(),
         title: about.title.to_owned(),
@@ -67,7 +68,7 @@ pub fn templates(registry: &Registry, model: &Model) -> Vec<Template> {
     let is_open = |name: &str| Candidate::is_open(name, model);
     let library = Registry::shipped();
     let is_offered = |name: &str| is_open(name) && !library.is_companion(name);
-    let known = library.effects().filter(|e| is_offered(e.about().name)).map(|effect| template(true, effect));
+    let known = library.effects().filter(|e| e.concerns(model) && is_offered(e.about().name)).map(|effect| template(true, effect));
     templates.chain(known).filter(|template| acts(&template.hook)).collect()
 }
 

@@ -151,7 +151,7 @@ mod tests {
         let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         let track = |i: usize| {
             let dlo = [[0.001 * i as f64, 0.0]; 4];
-            let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+            let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None };
             Track { frames: vec![frame; 3], end: End::Complete }
         };
         let all: Vec<Track> = (0..101).map(track).collect();

@@ -123,7 +123,7 @@ mod tests {
         let frame = |i: usize| {
             let time_s = 0.1 * i as f64;
             let dlo = std::array::from_fn(|k| [0.1 * (k + 1) as f64 * (3.0 * time_s + phase).sin(), 0.1 * k as f64]);
-            Frame { time_s, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] }
+            Frame { time_s, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None }
         };
         Track { frames: (0..60).map(frame).collect(), end: End::Complete }
     }

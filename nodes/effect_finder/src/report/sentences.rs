@@ -107,6 +107,10 @@ pub fn located(places: &[Localisation], level: f64, names: &[&str]) -> String {
             let what = ["x", "z", "pitch"][axis];
             format!("it is largest in the arm's {what} ({:.1} times the noise)", p.mean_square.sqrt())
         }
+        Part::Quantity(Quantity::Wrench { axis }) => {
+            let what = ["force along x", "force along z", "torque about y"][axis];
+            format!("it is largest in the {what} on the hand ({:.1} times the noise)", p.mean_square.sqrt())
+        }
         Part::Window { .. } => String::new(),
     });
     let words: Vec<String> = begin.into_iter().chain(worst).collect();

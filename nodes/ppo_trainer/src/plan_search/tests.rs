@@ -27,7 +27,7 @@ impl Simulator for Stick {
             for step in 0..=task.steps {
                 let dlo = [0.0, 1.0, 2.0, 3.0].map(|share| seen([at[0] + theta[0] * share / 3.0, at[1]]));
                 let time_s = step as f64 * task.step_period_s;
-                frames.push(Frame { time_s, dlo, target, eef: [at[0], at[1], 0.0], action: [0.0; 2] });
+                frames.push(Frame { time_s, dlo, target, eef: [at[0], at[1], 0.0], action: [0.0; 2], wrench: None });
                 if step < task.steps {
                     let observation = Observation::new(at, &dlo, target);
                     let action = policy.act(&observation, &mut memory);

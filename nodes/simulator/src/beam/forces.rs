@@ -63,6 +63,14 @@ impl Beam {
         GripReaction { force_x_n: held[0], force_z_n: held[1], moment_n_m: held[2] }
     }
 
+    /// Wrench of the beam on the hand at the clamped node and at the newest step, in the order of [`catenary_core::Frame::wrench`]: force along x
+    /// and z in N, torque about +y in N m. It is minus the [grip's reaction](Self::grip_reaction); counter-clockwise in x-z is about -y, so that
+    /// the torque keeps its sign.
+    pub fn wrench_on_hand(&self) -> [f64; 3] {
+        let held = self.grip_reaction();
+        [-held.force_x_n, -held.force_z_n, held.moment_n_m]
+    }
+
     /// Internal force of element `k` at its node `c`, with the sign of the derivative of the energy with respect to the
     /// position. Damping and creep are included.
     fn element_force(&self, k: usize, c: usize) -> [f64; 3] {

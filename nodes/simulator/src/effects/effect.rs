@@ -1,7 +1,7 @@
 //! Effect: description, and action on the settings of an episode.
 
 use crate::episode_model::EpisodeModel;
-use catenary_core::Prior;
+use catenary_core::{Model, Prior};
 
 /// Part of the simulator in which an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -79,6 +79,12 @@ pub trait Effect: Send + Sync {
     /// # Errors
     /// The part of the model that is missing, if the effect has nothing to act on.
     fn apply(&self, magnitude: f64, episode: &mut EpisodeModel) -> Result<(), &'static str>;
+
+    /// Returns whether episodes of `model` can have the effect: an effect of a sensor needs a model that observes it.
+    fn concerns(&self, model: &Model) -> bool {
+        let _ = model;
+        true
+    }
 
     /// Returns the names of the effects that set where and how fast this one acts.
     fn companions(&self) -> &'static [&'static str] {

@@ -7,7 +7,7 @@ use crate::imperfect_camera::ImperfectCamera;
 use crate::parameters::Values;
 use crate::parameters::tests::soft_bar;
 use crate::simulator::BeamSimulator;
-use catenary_core::model::Section;
+use catenary_core::model::{Section, WrenchNoise};
 use catenary_core::simulator::{Drive, StartShape};
 use catenary_core::{Fidelity, GripPose, GripTrajectory, Model, SimulationRequest, Simulator, Track};
 
@@ -89,6 +89,31 @@ pub fn template_at_zero_is_the_base(template: &dyn Effect) {
 #[track_caller]
 pub fn zero_is_the_base(effect: &dyn Effect) {
     is_the_base_at_zero(effect, |effects| episode(effects, actions()));
+}
+
+/// Returns the wrenches without noise of that episode with effects, along a path, as a model that observes them sees them.
+pub fn wrenches(effects: &[(&str, f64)]) -> Vec<[f64; 3]> {
+    let mut model = bare_bar();
+    model.observation.wrench = Some(WrenchNoise { force_sd_n: [1.0, 0.1], torque_sd_n_m: 0.05 });
+    let request = request(effects, gliding(0.02), false);
+    let track = BeamSimulator::new(&model, 1).unwrap().simulate(&request).unwrap().remove(0);
+    track.frames.iter().map(|frame| frame.wrench.unwrap()).collect()
+}
+
+/// Returns the changes of the wrenches by an effect.
+pub fn wrench_changes(effect: &dyn Effect, magnitude: f64) -> Vec<[f64; 3]> {
+    let (base, changed) = (wrenches(&[]), wrenches(&[(effect.about().name, magnitude)]));
+    base.iter().zip(&changed).map(|(a, b)| std::array::from_fn(|i| b[i] - a[i])).collect()
+}
+
+/// Fails unless the effect of the wrench's sensor changes no bit at magnitude zero and some bit at a large magnitude, and needs a model that
+/// observes the wrench.
+#[track_caller]
+pub fn zero_is_the_base_of_a_wrench(effect: &dyn Effect) {
+    let about = effect.about();
+    assert_eq!(wrenches(&[(about.name, 0.0)]), wrenches(&[]), "{}", about.name);
+    assert_ne!(wrenches(&[(about.name, about.prior.from_unit(0.9))]), wrenches(&[]), "{}", about.name);
+    assert_eq!(effect.apply(0.1, &mut base()), Err(crate::episode_model::NO_WRENCH));
 }
 
 #[track_caller]

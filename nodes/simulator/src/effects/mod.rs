@@ -60,6 +60,8 @@ mod term_effect;
 mod tip_load;
 mod tip_mass;
 mod unlisted;
+mod wrench_bias;
+mod wrench_delay;
 
 pub use effect::{About, Effect, Hook, Sign};
 pub use registry::Registry;

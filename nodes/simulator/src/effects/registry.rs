@@ -6,7 +6,8 @@ use super::{
     creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle, grip_compliance,
     grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang, quadratic_drag,
     rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset, start_velocity, stiffness_gradient,
-    strand_friction, table_adhesion, table_friction, table_height, templates, tip_load, tip_mass, unlisted,
+    strand_friction, table_adhesion, table_friction, table_height, templates, tip_load, tip_mass, unlisted, wrench_bias,
+    wrench_delay,
 };
 use std::sync::{Arc, LazyLock};
 
@@ -19,8 +20,9 @@ pub struct Registry {
 impl Registry {
     /// Returns the effects of this crate that searches offer.
     pub fn shipped() -> &'static Registry {
-        static SHIPPED: LazyLock<Registry> = LazyLock::new(|| Registry {
-            effects: vec![
+        static SHIPPED: LazyLock<Registry> = LazyLock::new(|| {
+            let [bias_x, bias_z, bias_y] = wrench_bias::WrenchBias::all();
+            let effects: Vec<Arc<dyn Effect>> = vec![
                 // material
                 Arc::new(kelvin_voigt::KelvinVoigt),
                 Arc::new(creep::Creep),
@@ -65,7 +67,12 @@ impl Registry {
                 Arc::new(dropped_frames::DroppedFrames),
                 Arc::new(keypoint_bias::KeypointBias),
                 Arc::new(keypoint_noise::KeypointNoise),
-            ],
+                Arc::new(bias_x),
+                Arc::new(bias_z),
+                Arc::new(bias_y),
+                Arc::new(wrench_delay::WrenchDelay),
+            ];
+            Registry { effects }
         });
         &SHIPPED
     }

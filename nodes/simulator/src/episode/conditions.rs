@@ -12,6 +12,7 @@ pub(super) mod stream {
     pub const NOISE: u64 = 3;
     pub const START: u64 = 4;
     pub const DROPS: u64 = 5;
+    pub const WRENCH: u64 = 6;
 }
 
 /// Conditions of one episode: everything in which it differs from another of its model.

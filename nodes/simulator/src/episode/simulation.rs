@@ -8,6 +8,7 @@ use crate::effects::Registry;
 use crate::episode_model::EpisodeModel;
 use crate::imperfect_camera::ImperfectCamera;
 use crate::parameters::{ParameterError, Values};
+use crate::wrench_sensor::WrenchSensor;
 use catenary_core::camera::Camera;
 use catenary_core::model::Object;
 use catenary_core::simulator::StartShape;
@@ -31,6 +32,8 @@ pub struct EpisodeSimulation {
     episode_model: EpisodeModel,
     beam: Beam,
     imperfect_camera: ImperfectCamera,
+    /// Sensor of the wrench; none if the model does not observe it.
+    wrench_sensor: Option<WrenchSensor>,
     target_scaled: [f64; 2],
     /// Random source of the initial velocities; none if the conditions ask for no noise.
     start_noise: Option<ChaCha8Rng>,
@@ -52,6 +55,7 @@ impl EpisodeSimulation {
         Ok(Self {
             beam: Beam::new(episode_model.beam, discretisation, GripState::default())?,
             imperfect_camera: ImperfectCamera::new(&episode_model.camera, episode_model.camera.view, None, None),
+            wrench_sensor: None,
             target_scaled: [0.0; 2],
             start_noise: None,
             episode_model,
@@ -68,11 +72,6 @@ impl EpisodeSimulation {
     /// Returns the effects that the model may name.
     pub(crate) fn registry(&self) -> &Registry {
         &self.registry
-    }
-
-    /// Returns the camera with its memory.
-    pub(crate) fn imperfect_camera(&self) -> &ImperfectCamera {
-        &self.imperfect_camera
     }
 
     /// Returns the beam.
@@ -122,6 +121,8 @@ impl EpisodeSimulation {
         let camera = if c.noise { self.jittered_camera(c.seed) } else { self.episode_model.camera.view };
         self.imperfect_camera =
             ImperfectCamera::new(&self.episode_model.camera, camera, noise(stream::NOISE), noise(stream::DROPS));
+        self.wrench_sensor =
+            self.episode_model.wrench.map(|settings| WrenchSensor::new(settings, noise(stream::WRENCH)));
         self.start_noise = noise(stream::START);
         let target_m = c.target_m.or_else(|| self.model.task.map(|t| jittered_target(&t, c.seed)));
         let place = |[x, z]: [f64; 2]| camera.scaled_from_world([x, 0.0, z]);
@@ -133,6 +134,10 @@ impl EpisodeSimulation {
     pub fn hang(&mut self, grip: GripPose) {
         self.hang_at_rest(grip);
         self.change_start();
+        // Of a beam at rest the accelerations are known before the first step: they are zero.
+        if let Some(sensor) = &mut self.wrench_sensor {
+            sensor.remember(0.0, self.beam.wrench_on_hand());
+        }
     }
 
     fn hang_at_rest(&mut self, grip: GripPose) {
@@ -147,8 +152,9 @@ impl EpisodeSimulation {
     /// Advances to `time_s`. `grip` gives the pose of the grip at a time in s.
     pub fn advance(&mut self, time_s: f64, grip: impl Fn(f64) -> GripPose) {
         let angle = self.episode_model.grip_angle_rad;
-        // A camera that shows the past needs the keypoints at every step, not only at the frames.
-        if self.imperfect_camera.has_memory() {
+        // A camera that shows the past needs the keypoints at every step, not only at the frames, and the wrench within a step lies
+        // between those at its ends.
+        if self.has_memory() {
             let step_s = self.beam.discretisation().time_step_s;
             loop {
                 let next_s = self.beam.time_s() + step_s;
@@ -160,13 +166,37 @@ impl EpisodeSimulation {
             }
         }
         self.beam.advance_to(time_s, |t| GripState::from_pose(grip(t), angle));
+        self.remember_wrench();
     }
 
+    /// Returns true if [`Self::remember`] must be called at every step.
+    pub(crate) fn has_memory(&self) -> bool {
+        self.imperfect_camera.has_memory() || self.wrench_sensor.is_some()
+    }
+
+    /// Stores what camera and sensor need at `time_s`, the end of a step.
     pub(crate) fn remember(&mut self, time_s: f64) {
         if self.imperfect_camera.has_memory() {
             let places_m = self.keypoints_m();
             self.imperfect_camera.remember(time_s, places_m);
         }
+        self.remember_wrench();
+    }
+
+    /// Stores the wrench on the hand at the newest step, if the model observes it. A beam that starts in motion has no accelerations before its
+    /// first step.
+    pub(crate) fn remember_wrench(&mut self) {
+        if let Some(sensor) = &mut self.wrench_sensor
+            && self.beam.time_s() > 0.0
+        {
+            sensor.remember(self.beam.time_s(), self.beam.wrench_on_hand());
+        }
+    }
+
+    /// Returns the wrench on the hand at `time_s`, to which the simulation must have advanced, as the sensor measures it, in the order of
+    /// [`Frame::wrench`]. None if the model does not observe it.
+    pub fn wrench(&mut self, time_s: f64) -> Option<[f64; 3]> {
+        self.wrench_sensor.as_mut()?.read(time_s)
     }
 
     /// Returns the present places (x, z) in m of the object's keypoints.
@@ -217,7 +247,7 @@ impl EpisodeSimulation {
 
     pub(crate) fn frame(&mut self, time_s: f64, grip: GripPose) -> Frame {
         let dlo = self.keypoints(time_s);
-        frame(time_s, dlo, self.target_scaled, grip)
+        Frame { wrench: self.wrench(time_s), ..frame(time_s, dlo, self.target_scaled, grip) }
     }
 
     /// Runs an episode along a measured path, with frames at `frame_times_s`, until [`StopCriterion`] stops it.

@@ -57,7 +57,7 @@ pub(crate) fn given(task: &Task, actions: &[[f64; 2]], step: usize) -> ControlFl
 
 /// Makes a frame without an action.
 pub(crate) fn frame(time_s: f64, dlo: [[f64; 2]; 4], target: [f64; 2], grip: GripPose) -> Frame {
-    Frame { time_s, dlo, target, eef: [grip.x_m, grip.z_m, grip.pitch_rad], action: [0.0; 2] }
+    Frame { time_s, dlo, target, eef: [grip.x_m, grip.z_m, grip.pitch_rad], action: [0.0; 2], wrench: None }
 }
 
 /// Judges an observation after a step.

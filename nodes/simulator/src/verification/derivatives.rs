@@ -257,6 +257,7 @@ fn combined(frames: [(&Frame, f64); 3]) -> FrameDerivative {
         dlo: std::array::from_fn(|k| [0, 1].map(|i| sum(&|f| f.dlo[k][i]))),
         target: [0, 1].map(|i| sum(&|f| f.target[i])),
         eef: [0, 1, 2].map(|i| sum(&|f| f.eef[i])),
+        wrench: [0, 1, 2].map(|i| sum(&|f| f.wrench.map_or(0.0, |wrench| wrench[i]))),
     }
 }
 

@@ -42,7 +42,7 @@ const MOST_TIP_MASS_KG: f64 = 0.03;
 
 /// Returns the extremes of a soft bar's model: every parameter except length and stiffness, which have priors, and
 /// every effect of the registry, over its prior.
-pub fn default_extremes(registry: &Registry) -> Vec<Extreme> {
+pub fn default_extremes(registry: &Registry, model: &Model) -> Vec<Extreme> {
     let parameters = [
         ("poisson_ratio", 0.0, 0.5),
         ("density_kg_m3", 800.0, 2000.0),
@@ -53,7 +53,7 @@ pub fn default_extremes(registry: &Registry) -> Vec<Extreme> {
         ("table_height_m", -0.05, 0.05),
         ("table_friction", 0.0, 1.0),
     ];
-    let effects = registry.effects().map(|effect| {
+    let effects = registry.effects().filter(|effect| effect.concerns(model)).map(|effect| {
         let about = effect.about();
         let (low, high) = about.prior.bounds();
         let high = if about.name == "tip_mass_kg" { MOST_TIP_MASS_KG } else { high };

@@ -24,6 +24,10 @@ pub struct MeasuredEpisode {
     /// Standard deviation of an end effector coordinate, m; none if the simulation follows the measured path of the
     /// arm.
     pub(super) pose_sd_m: Option<f64>,
+    /// True if the keypoints are compared.
+    pub(super) is_seen: bool,
+    /// Standard deviations of the wrench on the hand, N, N and N m; none if it is not compared.
+    pub(super) wrench_sd: Option<[f64; 3]>,
     /// Fidelity correction, a row a frame, that is added to every simulated track; empty: none.
     pub(super) correction: Vec<Correction>,
 }
@@ -33,13 +37,15 @@ pub struct MeasuredEpisode {
 pub(super) struct Correction {
     pub(super) dlo: [[f64; 2]; 4],
     pub(super) eef: [f64; 3],
+    pub(super) wrench: [f64; 3],
 }
 
 impl MeasuredEpisode {
     /// Episode driven as the model says. A model driven by a policy replays the policy's actions.
     ///
     /// # Errors
-    /// [`FitError::Drive`] if actions are needed and there are none, [`FitError::Noise`] if the model's camera
+    /// [`FitError::Drive`] if actions are needed and there are none, [`FitError::Nothing`] if the model observes the wrench alone and the
+    /// episode has none, [`FitError::Noise`] if the model's camera
     /// has no noise, [`FitError::PoseNoise`] if its predicted arm has none.
     pub fn new(model: &Model, measured: &MeasuredTrack, settings: &Settings) -> Result<Self, FitError> {
         let noise_px = model.camera.keypoint_noise_px;
@@ -61,6 +67,11 @@ impl MeasuredEpisode {
             }
             _ => Drive::Actions(measured.actions.clone()),
         };
+        // A recording may lack the wrench that the model observes: it is compared by its keypoints alone.
+        let is_felt = measured.track.frames.iter().any(|frame| frame.wrench.is_some());
+        if !model.observation.keypoints && !is_felt {
+            return Err(FitError::Nothing { episode: measured.name.clone() });
+        }
         let times = || measured.track.frames.iter().map(|f| f.time_s).collect();
         let template = SimulationRequest {
             thetas: Vec::new(),
@@ -80,6 +91,8 @@ impl MeasuredEpisode {
             order: KeypointOrder::of(kind),
             keypoint_sd: noise_px / HALF_MASK_PX,
             pose_sd_m: (!is_path).then_some(model.arm.pose_noise_m),
+            is_seen: model.observation.keypoints,
+            wrench_sd: model.observation.wrench.filter(|_| is_felt).map(|noise| noise.sds()),
             correction: Vec::new(),
         })
     }
@@ -108,6 +121,8 @@ impl MeasuredEpisode {
             order: KeypointOrder::of(model.observation.drive),
             keypoint_sd: model.camera.keypoint_noise_px / HALF_MASK_PX,
             pose_sd_m: (!is_path).then_some(model.arm.pose_noise_m),
+            is_seen: model.observation.keypoints,
+            wrench_sd: model.observation.wrench.map(|noise| noise.sds()),
             correction: Vec::new(),
         }
     }
@@ -126,6 +141,7 @@ impl MeasuredEpisode {
         let difference = |(f, c): (&Frame, &Frame)| Correction {
             dlo: std::array::from_fn(|k| std::array::from_fn(|i| f.dlo[k][i] - c.dlo[k][i])),
             eef: std::array::from_fn(|i| f.eef[i] - c.eef[i]),
+            wrench: f.wrench.zip(c.wrench).map_or([0.0; 3], |(f, c)| std::array::from_fn(|i| f[i] - c[i])),
         };
         Self { correction: fine.frames.iter().zip(&coarse.frames).map(difference).collect(), ..self.clone() }
     }
@@ -166,6 +182,7 @@ impl MeasuredEpisode {
                 (0..2).for_each(|i| frame.dlo[k][i] += by.dlo[k][i]);
             }
             (0..3).for_each(|i| frame.eef[i] += by.eef[i]);
+            frame.wrench.iter_mut().for_each(|wrench| (0..3).for_each(|i| wrench[i] += by.wrench[i]));
         }
         track
     }
@@ -178,7 +195,7 @@ pub(super) mod tests {
 
     pub fn frame(time_s: f64) -> Frame {
         let dlo = std::array::from_fn(|k| [0.1 * k as f64, 0.05 * time_s]);
-        Frame { time_s, dlo, target: [0.0; 2], eef: [0.4, 0.3, 0.0], action: [0.0; 2] }
+        Frame { time_s, dlo, target: [0.0; 2], eef: [0.4, 0.3, 0.0], action: [0.0; 2], wrench: None }
     }
 
     /// Episode of a hanging bar, five frames long.

@@ -30,14 +30,20 @@ pub enum Quantity {
         /// Axis, 0: x, 1: z, 2: pitch.
         axis: usize,
     },
+    /// Component of the wrench of the object on the hand.
+    Wrench {
+        /// Axis, 0: force along x, 1: force along z, 2: torque about y.
+        axis: usize,
+    },
 }
 
 impl Quantity {
     /// Value of the quantity in a frame, or in a frame's derivative.
-    fn of(self, dlo: &[[f64; 2]; 4], eef: &[f64; 3]) -> f64 {
+    fn of(self, dlo: &[[f64; 2]; 4], eef: &[f64; 3], wrench: &[f64; 3]) -> f64 {
         match self {
             Quantity::Keypoint { point, axis } => dlo[point][axis],
             Quantity::Pose { axis } => eef[axis],
+            Quantity::Wrench { axis } => wrench[axis],
         }
     }
 }
@@ -58,8 +64,9 @@ pub struct Channel {
 impl MeasuredEpisode {
     /// Sum of squares of the fidelity correction, in variances of the noise.
     pub fn corrected_squares(&self) -> f64 {
-        let frame =
-            |c: &Correction| -> f64 { self.quantities().map(|q| (q.of(&c.dlo, &c.eef) / self.sd(q)).powi(2)).sum() };
+        let frame = |c: &Correction| -> f64 {
+            self.quantities().map(|q| (q.of(&c.dlo, &c.eef, &c.wrench) / self.sd(q)).powi(2)).sum()
+        };
         self.correction.iter().map(frame).sum()
     }
 
@@ -73,11 +80,18 @@ impl MeasuredEpisode {
             .collect()
     }
 
-    /// Measured quantities of a frame, in the order of the residuals: keypoints, then end effector.
+    /// Measured quantities of a frame, in the order of the residuals: keypoints, then end effector, then wrench.
     fn quantities(&self) -> impl Iterator<Item = Quantity> + use<> {
-        let keypoints = (0..4).flat_map(|point| [0, 1].map(|axis| Quantity::Keypoint { point, axis }));
+        self.quantities_with(if self.is_seen { 4 } else { 0 })
+    }
+
+    /// Quantities of a frame with this number of keypoints.
+    fn quantities_with(&self, points: usize) -> impl Iterator<Item = Quantity> + use<> {
+        let keypoints = (0..points).flat_map(|point| [0, 1].map(|axis| Quantity::Keypoint { point, axis }));
         let poses = if self.pose_sd_m.is_some() { 3 } else { 0 };
-        keypoints.chain((0..poses).map(|axis| Quantity::Pose { axis }))
+        let wrench = if self.wrench_sd.is_some() { 3 } else { 0 };
+        let poses = (0..poses).map(|axis| Quantity::Pose { axis });
+        keypoints.chain(poses).chain((0..wrench).map(|axis| Quantity::Wrench { axis }))
     }
 
     /// Standard deviation of a quantity's noise, in the unit of the quantity.
@@ -87,6 +101,7 @@ impl MeasuredEpisode {
             Quantity::Keypoint { .. } => self.keypoint_sd,
             Quantity::Pose { axis: 2 } => pose_sd_m / POSE_LEVER_M,
             Quantity::Pose { .. } => pose_sd_m,
+            Quantity::Wrench { axis } => self.wrench_sd.map_or(f64::INFINITY, |sd| sd[axis]),
         }
     }
 
@@ -95,7 +110,8 @@ impl MeasuredEpisode {
     /// parameter.
     ///
     /// Keypoints are compared in the order that fits best among the possible ones. A simulation that ends early keeps
-    /// its last frame, with zero derivatives.
+    /// its last frame, with zero derivatives. A frame without the wrench, measured or simulated, has zeros in its place, which pull at
+    /// nothing: the first frame of an object that starts in motion, and those in a gap of the recording.
     pub fn compare(&self, measured: &Track, simulated: &TrackSensitivities) -> (DVector<f64>, DMatrix<f64>) {
         let rows = self.quantities().count();
         let count = measured.frames.len();
@@ -108,14 +124,20 @@ impl MeasuredEpisode {
             let predicted = &simulated.track.frames[at];
             let order = self.order.closest(&seen.dlo, &predicted.dlo);
             let ordered = order.map(|k| seen.dlo[k]);
+            let wrenches = seen.wrench.zip(predicted.wrench);
+            let (felt, predicted_wrench) = wrenches.unwrap_or_default();
             for (r, quantity) in self.quantities().enumerate() {
+                if wrenches.is_none() && matches!(quantity, Quantity::Wrench { .. }) {
+                    continue;
+                }
                 let sd = self.sd(quantity);
-                let difference = quantity.of(&ordered, &seen.eef) - quantity.of(&predicted.dlo, &predicted.eef);
+                let difference = quantity.of(&ordered, &seen.eef, &felt)
+                    - quantity.of(&predicted.dlo, &predicted.eef, &predicted_wrench);
                 residuals[rows * i + r] = difference / sd;
                 if i <= last {
                     for (c, derivative) in simulated.derivatives.iter().enumerate() {
-                        let FrameDerivative { dlo, eef, .. } = &derivative[at];
-                        jacobian[(rows * i + r, c)] = quantity.of(dlo, eef) / sd;
+                        let FrameDerivative { dlo, eef, wrench, .. } = &derivative[at];
+                        jacobian[(rows * i + r, c)] = quantity.of(dlo, eef, wrench) / sd;
                     }
                 }
             }
@@ -149,8 +171,8 @@ impl MeasuredEpisode {
 
     /// Fingerprint of [`Self::is_enough`] for tracks that may cost up to `most` each.
     pub fn stop_fingerprint(&self, measured: &Track, most: &[f64]) -> u64 {
-        let Self { order, keypoint_sd, pose_sd_m, correction, .. } = self;
-        identity::fingerprint(&(measured, order, keypoint_sd, pose_sd_m, correction, most))
+        let Self { order, keypoint_sd, pose_sd_m, is_seen, wrench_sd, correction, .. } = self;
+        identity::fingerprint(&(measured, order, keypoint_sd, pose_sd_m, is_seen, wrench_sd, correction, most))
     }
 
     /// Simulated track with measurement noise, at the measured frames.
@@ -161,8 +183,17 @@ impl MeasuredEpisode {
             // A track without frames has nothing to measure.
             let Some(last) = simulated.frames.len().checked_sub(1) else { break };
             let mut frame = Frame { time_s: seen.time_s, ..simulated.frames[i.min(last)] };
-            let values = frame.dlo.iter_mut().flatten().chain(&mut frame.eef);
-            values.zip(self.quantities()).for_each(|(v, quantity)| *v += self.sd(quantity) * normal());
+            // A quantity that was not measured in this frame is not predicted either.
+            frame.wrench = frame.wrench.filter(|_| seen.wrench.is_some());
+            // Keypoints that are not compared have noise, too.
+            for quantity in self.quantities_with(4) {
+                let noise = self.sd(quantity) * normal();
+                match quantity {
+                    Quantity::Keypoint { point, axis } => frame.dlo[point][axis] += noise,
+                    Quantity::Pose { axis } => frame.eef[axis] += noise,
+                    Quantity::Wrench { axis } => frame.wrench.iter_mut().for_each(|wrench| wrench[axis] += noise),
+                }
+            }
             frames.push(frame);
         }
         Track { frames, end: simulated.end }
@@ -177,7 +208,7 @@ mod tests {
     use catenary_core::seed;
 
     fn simulated(track: Track, derivatives: usize) -> TrackSensitivities {
-        let one = FrameDerivative { dlo: [[2.0; 2]; 4], target: [0.0; 2], eef: [3.0; 3] };
+        let one = FrameDerivative { dlo: [[2.0; 2]; 4], target: [0.0; 2], eef: [3.0; 3], wrench: [4.0; 3] };
         let derivatives = vec![vec![one; track.frames.len()]; derivatives];
         TrackSensitivities { changes: vec![1e-6; derivatives.len()], derivatives, track }
     }
@@ -253,6 +284,47 @@ mod tests {
         assert!((residuals[11 + 10] + 1.0).abs() < 1e-9, "5 mrad at a lever of 0.1 m are 0.5 mm");
         assert!(residuals[4 * 11 + 1].abs() > 1.0, "it stands still from frame 2 on");
         assert_eq!((jacobian[(2 * 11, 0)] > 0.0, jacobian[(3 * 11, 0)]), (true, 0.0));
+    }
+
+    /// Episode of a bar whose wrench is measured, beside its keypoints or alone.
+    fn felt_episode(keypoints: bool) -> MeasuredEpisode {
+        let mut episode = bar_episode(DriveKind::Grip);
+        episode.measured.frames.iter_mut().for_each(|f| f.wrench = Some([0.1, -2.0, 0.3]));
+        (episode.is_seen, episode.wrench_sd) = (keypoints, Some([0.5, 0.1, 0.02]));
+        episode
+    }
+
+    #[test]
+    fn a_wrench_is_compared_beside_the_keypoints_or_alone() {
+        for (keypoints, rows) in [(true, 11), (false, 3)] {
+            let episode = felt_episode(keypoints);
+            let mut track = episode.measured.clone();
+            track.frames[1].wrench.as_mut().unwrap()[2] -= 0.02;
+            track.frames[3].wrench = None;
+            let (residuals, jacobian) = episode.compare(&episode.measured, &simulated(track, 1));
+            assert_eq!((residuals.len(), episode.channels(0).len()), (5 * rows, 5 * rows));
+            assert!((residuals[rows + rows - 1] - 1.0).abs() < 1e-9 && (residuals.norm_squared() - 1.0).abs() < 1e-9);
+            let last = |frame: usize| jacobian[(frame * rows + rows - 1, 0)];
+            assert!((last(1) - 4.0 / 0.02).abs() < 1e-9 && last(3) == 0.0, "no wrench, no pull");
+        }
+    }
+
+    #[test]
+    fn a_correction_and_noise_reach_the_wrench() {
+        let episode = felt_episode(true);
+        let mut fine = episode.measured.clone();
+        fine.frames.iter_mut().for_each(|f| f.wrench.as_mut().unwrap()[0] += 0.5);
+        let corrected = episode.corrected_by(&fine, &episode.measured);
+        assert_eq!(corrected.corrected(episode.measured.clone()), fine);
+        assert!((corrected.corrected_squares() - 5.0).abs() < 1e-9, "{}", corrected.corrected_squares());
+        let mut rng = seed::rng(4, 0);
+        let mut squares = 0.0;
+        for _ in 0..400 {
+            let noisy = episode.measure(&episode.measured, &mut rng);
+            squares += ((noisy.frames[2].wrench.unwrap()[1] + 2.0) / 0.1).powi(2) / 400.0;
+        }
+        // The standard error of a mean of 400 squares is 0.07.
+        assert!((squares - 1.0).abs() < 0.25, "{squares}");
     }
 
     #[test]

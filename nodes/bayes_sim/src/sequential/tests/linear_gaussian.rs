@@ -47,7 +47,14 @@ impl LinearGaussian {
             if rng.random::<bool>() {
                 dlo.reverse();
             }
-            Frame { time_s: f as f64 * 0.1, dlo, target: [0.0; 2], eef: [0.4, 0.3, 0.0], action: [0.0; 2] }
+            Frame {
+                time_s: f as f64 * 0.1,
+                dlo,
+                target: [0.0; 2],
+                eef: [0.4, 0.3, 0.0],
+                action: [0.0; 2],
+                wrench: None,
+            }
         });
         Track { frames: frames.collect(), end: End::Complete }
     }
