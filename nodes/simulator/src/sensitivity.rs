@@ -330,7 +330,8 @@ mod tests {
             simulator.simulate(&SimulationRequest { effects, ..request.clone() }).unwrap().remove(0)
         };
         for (name, derivatives) in names.iter().zip(&found.derivatives) {
-            let (before, after) = (at(name, 0.0), at(name, 1e-5));
+            let base = model.parameters.get(*name).copied().unwrap_or(0.0);
+            let (before, after) = (at(name, base), at(name, base + 1e-5));
             for (frame, derivative) in derivatives.iter().enumerate() {
                 let wrench = |track: &catenary_core::Track| track.frames[frame].wrench.unwrap();
                 for i in 0..3 {
