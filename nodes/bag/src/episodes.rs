@@ -86,7 +86,7 @@ fn check_topics(bag: &BagReader, topics: &EpisodeTopics) -> Result<(), BagError>
     if present.clone().all(|entry| entry.topic.name == topics.wrench) {
         return Err(BagError::NoTopic {
             path: bag.path().to_owned(),
-            needed: topics.names().join(", "),
+            needed: topics.names().into_iter().filter(|name| *name != topics.wrench).collect::<Vec<_>>().join(", "),
             found: bag.describe_topics(),
         });
     }

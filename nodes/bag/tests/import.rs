@@ -131,12 +131,14 @@ fn a_bag_without_episode_topics_says_what_is_needed_and_found() {
     let topics = EpisodeTopics {
         keypoints: renamed("/lab/keypoints"),
         pose: renamed("/lab/pose"),
+        wrench: renamed("/lab/wrench"),
         observation: renamed("/lab/observation"),
         action: renamed("/lab/action"),
         event: renamed("/lab/event"),
     };
     let error = read_episodes(&bag, &topics).unwrap_err().to_string();
-    assert!(error.contains("needs /lab/keypoints") && error.contains("found /dlo/keypoints ["), "{error}");
+    assert!(error.contains("needs /lab/keypoints") && !error.contains("/lab/wrench"), "{error}");
+    assert!(error.contains("found /dlo/keypoints ["), "{error}");
     let swapped =
         EpisodeTopics { pose: renamed("/dlo/keypoints"), keypoints: renamed("/k"), ..EpisodeTopics::default() };
     let error = read_episodes(&bag, &swapped).unwrap_err().to_string();

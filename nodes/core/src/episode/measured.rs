@@ -126,13 +126,7 @@ impl Episode {
             return Err(self.missing_because(&warnings, needed));
         }
         warnings.extend(few_warning(&frames, model));
-        if model.observation.wrench.is_some() {
-            warnings.extend(self.add_wrench(&mut frames, begin_s));
-            if !model.observation.keypoints && frames.iter().all(|frame| frame.wrench.is_none()) {
-                let needed = "a wrench on /panda/external_wrench, for a model that observes nothing else (observation.keypoints: false)";
-                return Err(self.missing_because(&warnings, needed));
-            }
-        }
+        warnings = self.with_wrench(model, &mut frames, begin_s, warnings)?;
         // The target stands still, in the simulator too: the median drops frames that mistake something else for it. A target that jumps is unlike
         // any simulation, and would count for more in the inference than the object does.
         let target = median_place(frames.iter().map(|frame| frame.target));
@@ -151,6 +145,24 @@ impl Episode {
             target_m: target.and_then(|t| camera.plane_from_scaled(t)),
             warnings,
         })
+    }
+
+    /// Adds the wrench to frames whose times are counted from `begin_s`, if the model observes it. Returns `warnings` with the doubts about it.
+    fn with_wrench(
+        &self,
+        model: &Model,
+        frames: &mut [Frame],
+        begin_s: f64,
+        mut warnings: Vec<String>,
+    ) -> Result<Vec<String>, EpisodeError> {
+        if model.observation.wrench.is_some() {
+            warnings.extend(self.add_wrench(frames, begin_s));
+            if !model.observation.keypoints && frames.iter().all(|frame| frame.wrench.is_none()) {
+                let needed = "a wrench on /panda/external_wrench, for a model that observes nothing else (observation.keypoints: false)";
+                return Err(self.missing_because(&warnings, needed));
+            }
+        }
+        Ok(warnings)
     }
 
     /// Adds the wrench to frames whose times are counted from `begin_s`. Returns the doubts about it.
