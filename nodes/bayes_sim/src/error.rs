@@ -84,6 +84,20 @@ pub enum InferenceError {
         /// Number of draws made.
         draws: usize,
     },
+    /// The recording to predict is one of the recordings of the inference.
+    #[error(
+        "{episode}, to be predicted: expected a recording that the inference does not see, got one of its recordings"
+    )]
+    Seen {
+        /// Name of the episode.
+        episode: String,
+    },
+    /// A recording could not be compared with its prediction.
+    #[error("the recording was not compared with its prediction: {reason}")]
+    Unpredicted {
+        /// Cause.
+        reason: &'static str,
+    },
     /// The caller stopped the inference.
     #[error("inference was cancelled after {simulations} simulations")]
     Cancelled {

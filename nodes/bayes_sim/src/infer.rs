@@ -91,12 +91,7 @@ pub fn infer(
     simulator: &dyn Simulator,
     on_progress: OnProgress<'_>,
 ) -> Result<InferenceResult, InferenceError> {
-    let outside: usize = measured.iter().map(|m| diagnostics::out_of_view(&m.track)).sum();
-    let points: usize = measured.iter().map(|m| 4 * m.track.frames.len()).sum();
-    if outside == points && points > 0 {
-        return Err(InferenceError::OutOfView { points });
-    }
-    // Partly out of view is no error: a camera may lose an end for a while. The reader of the episode warns about it.
+    in_view(measured)?;
     let observed = measured.iter().map(|m| Observed::new(model, m, policy, settings.fidelity));
     let observed = observed.collect::<Result<Vec<_>, _>>()?;
     let fingerprint = fingerprint(model, measured, policy, settings);
@@ -184,6 +179,20 @@ pub fn infer(
     })
 }
 
+/// Refuses tracks of which no keypoint is in the camera's view. Partly out of view is no error: a camera may lose an end for a
+/// while. The reader of the episode warns about it.
+///
+/// # Errors
+/// [`InferenceError::OutOfView`].
+pub(crate) fn in_view(measured: &[MeasuredTrack]) -> Result<(), InferenceError> {
+    let outside: usize = measured.iter().map(|m| diagnostics::out_of_view(&m.track)).sum();
+    let points: usize = measured.iter().map(|m| 4 * m.track.frames.len()).sum();
+    match outside == points && points > 0 {
+        true => Err(InferenceError::OutOfView { points }),
+        false => Ok(()),
+    }
+}
+
 /// Refined posterior, or the reason why there is none.
 ///
 /// # Errors
@@ -231,7 +240,7 @@ fn support_moves(iterations: &[Iteration]) -> Vec<SupportMove> {
 }
 
 /// Pairs each measured track with its simulations at `thetas`. `tick` may stop the simulations between two parts.
-fn predictions<'a>(
+pub(crate) fn predictions<'a>(
     observed: &[Observed<'a>],
     thetas: &[Vec<f64>],
     seed: u64,

@@ -12,6 +12,7 @@ pub mod infer;
 pub mod network;
 #[cfg(feature = "node")]
 pub mod node;
+pub mod prediction;
 mod prior_support;
 mod refinement;
 pub mod sequential;
@@ -23,6 +24,7 @@ pub use diagnostics::Predictive;
 pub use error::InferenceError;
 pub use fingerprint::fingerprint;
 pub use infer::{InferenceResult, infer};
+pub use prediction::{Prediction, Unseen};
 pub use prior_support::{PriorSupport, SupportRule};
 pub use refinement::{Fitted, Refinement};
 pub use settings::{Settings, SettingsError};

@@ -1,7 +1,7 @@
 //! Posterior predictive check (Gelman, Meng and Stern 1996): simulated tracks of posterior draws against the measured ones.
 
 use super::parts::{Part, Parts};
-use super::ranks::Ranks;
+use super::ranks::{Bands, Ranks};
 use super::selection::Selection;
 use catenary_core::episode::order_from;
 use catenary_core::{Camera, KeypointOrder, Track};
@@ -69,6 +69,8 @@ impl Predictive {
 pub struct PredictiveCheck {
     /// Figures of the check.
     pub figures: Predictive,
+    /// Coverage of its bands.
+    pub bands: Bands,
     /// Numbers of compared and of measured frames, over all episodes. Fewer are compared if every draw ended earlier.
     pub frames: [usize; 2],
 }
@@ -155,7 +157,7 @@ pub fn predictive(episodes: &[(&Track, Vec<Track>)], camera: &Camera) -> Result<
         parts,
     };
     let measured = episodes.iter().map(|(m, _)| m.frames.len()).sum();
-    Ok(PredictiveCheck { figures, frames: [frames.iter().sum(), measured] })
+    Ok(PredictiveCheck { figures, bands: ranks.bands(), frames: [frames.iter().sum(), measured] })
 }
 
 /// Place of each keypoint along the object, 0 nearest to the grip at `grip_m`, by the mean of the draws. A measured frame

@@ -185,6 +185,7 @@ pub fn misfit(check: &Result<PredictiveCheck, Unchecked>) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnostics::Bands;
     use catenary_core::{Mixture, Parameter, ParameterSpace, Prior};
     use nalgebra::{DMatrix, DVector};
 
@@ -228,7 +229,8 @@ mod tests {
         let good = good();
         let lowest = 1.0 / 51.0;
         let misfit = |figures: Result<Predictive, Unchecked>| {
-            super::misfit(&figures.map(|figures| PredictiveCheck { figures, frames: [1, 1] }))
+            let bands = Bands { coverage_50: 0.5, coverage_p_value: 0.5, effective_coordinates: 8.0 };
+            super::misfit(&figures.map(|figures| PredictiveCheck { figures, bands, frames: [1, 1] }))
         };
         assert_eq!(misfit(Ok(good.clone())), None);
         assert_eq!(misfit(Ok(Predictive { p_value: lowest, coverage: 0.5, rmse_mm: 4.0, ..good.clone() })), None);

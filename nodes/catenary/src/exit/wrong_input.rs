@@ -66,8 +66,8 @@ fn is_full(error: &anyhow::Error) -> bool {
 }
 
 fn is_of_inference(error: &InferenceError) -> bool {
-    use InferenceError::{Drive, Observation, OutOfView, Setting};
-    matches!(error, Drive { .. } | Observation(_) | OutOfView { .. } | Setting { .. })
+    use InferenceError::{Drive, Observation, OutOfView, Seen, Setting};
+    matches!(error, Drive { .. } | Observation(_) | OutOfView { .. } | Seen { .. } | Setting { .. })
 }
 
 fn is_of_search(error: &FinderError) -> bool {

@@ -21,6 +21,13 @@ pub struct InferArgs {
     /// the last complete episode of each bag
     #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     pub episode: Vec<u32>,
+    /// Bag of another recording of the object, which the inference does not see and the posterior predicts; repeat the option for
+    /// several
+    #[arg(long, value_name = "BAG")]
+    pub predict: Vec<PathBuf>,
+    /// Number of an episode to predict; as --episode, for the bags of --predict
+    #[arg(long, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..), requires = "predict")]
+    pub predict_episode: Vec<u32>,
     /// Policy that ran in the episode; needed if the model's drive is a policy
     #[arg(long)]
     pub policy: Option<PathBuf>,

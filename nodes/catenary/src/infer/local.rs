@@ -2,6 +2,7 @@
 
 use super::args::InferArgs;
 use super::page::{Contents, page};
+use super::predicted::{self, Predicted};
 use super::words::{iteration_words, marginal_words, predictive_words, refinement_words, time_words, widening_words};
 use crate::exit::{Interrupted, Misfit};
 use crate::inputs::policy_file;
@@ -13,7 +14,7 @@ use anyhow::Result;
 use bayes_sim::fingerprint;
 use bayes_sim::node::StateFile;
 use bayes_sim::sequential::Progress;
-use bayes_sim::{InferenceError, InferenceResult, Settings};
+use bayes_sim::{InferenceError, InferenceResult, Settings, Unseen};
 use catenary_bag::read_measured;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::Until;
@@ -44,6 +45,8 @@ struct Report {
     fits: bool,
     #[serde(flatten)]
     result: InferenceResult,
+    /// Predictions of recordings that the inference has not seen.
+    predictions: Vec<Predicted>,
 }
 
 /// Simulator that adds up the wall time of its calls.
@@ -92,6 +95,13 @@ pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
     catenary_shell::end_on_signals(&shutdown)?;
     let measured = read_measured(arguments.bags.all(), &arguments.episode, model)?;
     let policy = arguments.policy.as_deref().map(policy_file::read).transpose()?.map(|(policy, _)| policy);
+    // Read and checked before the inference, too.
+    let others = match arguments.predict.as_slice() {
+        [] => Vec::new(),
+        bags => read_measured(bags, &arguments.predict_episode, model)?,
+    };
+    let unseen = others.iter().map(|other| Unseen::new(model, other, &measured, policy.as_ref()));
+    let unseen = unseen.collect::<Result<Vec<_>, _>>()?;
     let mut settings = arguments.sizes.settings();
     settings.prior_support = arguments.prior_support.map_or(settings.prior_support, PriorSupportName::setting);
     settings.seed = arguments.seed;
@@ -105,6 +115,8 @@ pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
     let file = StateFile::new(arguments.out.join("state.json"), asked);
     let Inferred { result, simulation_s } =
         infer(model, &measured, policy.as_ref(), &settings, Some(&file), &shutdown)?;
+    let bags = predicted::bags(&arguments.predict, &others);
+    let predictions = predicted::all(bags, &unseen, model, (&result, &settings), (&shutdown, file.path()))?;
     let tracks = || measured.iter().map(|m| &m.track.frames);
     let report = Report {
         bags: arguments.bags.all().to_vec(),
@@ -116,6 +128,7 @@ pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
         simulation_s,
         fits: result.misfit.is_none(),
         result,
+        predictions,
     };
     let fits = RecordedFit::at_medians(model, &measured, policy.as_ref(), &report.result.marginals);
     write(&arguments.out, &report, &fits)?;
@@ -210,6 +223,7 @@ fn html(report: &Report, fits: &[RecordedFit]) -> Result<String> {
         simulations: result.simulations(),
         refinement: result.refinement.as_ref(),
         fits,
+        predicted: &report.predictions,
     })
 }
 
@@ -222,6 +236,7 @@ fn words(report: &Report, folder: &Path) -> String {
     });
     lines.extend(report.result.predictive.as_ref().map(predictive_words));
     lines.extend(report.result.warnings.iter().map(|w| format!("warning: {w}")));
+    lines.extend(report.predictions.iter().flat_map(Predicted::lines));
     let refined = report.result.refinement.as_ref().map_or(0, |refinement| refinement.simulations);
     lines.push(time_words(report.result.simulations() + refined, report.wall_s, report.simulation_s));
     lines.push(format!("report: {}", folder.join("report.html").display()));

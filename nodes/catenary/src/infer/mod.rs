@@ -4,6 +4,7 @@ pub mod args;
 pub mod local;
 pub mod on_graph;
 mod page;
+mod predicted;
 pub mod words;
 
 use crate::inputs::model_file;

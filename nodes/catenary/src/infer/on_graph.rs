@@ -3,7 +3,7 @@
 use super::args::InferArgs;
 use super::page::{Contents, page};
 use super::words::{iteration_words, marginal_words};
-use crate::exit::{Given, Misfit};
+use crate::exit::{Given, Misfit, WrongInput};
 use crate::graph::request::{Answer, Request, absolute};
 use crate::inputs::policy_file;
 use crate::inputs::posterior_file::PosteriorFile;
@@ -45,6 +45,11 @@ struct Inferred {
 
 /// Lets the inference node infer from bags, whose paths must be valid there. Ctrl-C cancels the inference.
 pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: &str) -> Result<()> {
+    if !arguments.predict.is_empty() {
+        // The account of the refinement says which noise a prediction has.
+        let why = "the answer of an inference node lacks the noise that the fit left, without which no prediction has its width";
+        return Err(WrongInput::error(format!("--predict: expected an inference in this process, got --node: {why}")));
+    }
     let policy = match &arguments.policy {
         Some(path) => policy_file::read(path)?.1,
         None => Vec::new(),
@@ -111,6 +116,7 @@ pub fn run(arguments: &InferArgs, model: &Model, model_yaml: String, namespace: 
         simulations: inferred.simulations as usize,
         refinement: None,
         fits: &fits,
+        predicted: &[],
     })?;
     catenary_shell::files::write(&report, page)?;
     output::result(&arguments.output, &inferred, |i| {

@@ -1,11 +1,13 @@
 //! HTML page of an inference: values with their intervals, and the fit of the model to the recordings.
 
+use super::predicted::{self, Predicted};
 use crate::report::number::{millimetres, percent, plain};
 use crate::report::plots::Series;
 use crate::report::quantity::{Quantity, titled};
 use crate::report::{Page, RecordedFit, plots, posterior};
 use anyhow::Result;
 use bayes_sim::diagnostics::Part;
+use bayes_sim::prediction::undetermined;
 use bayes_sim::{Predictive, Refinement};
 use catenary_core::Posterior;
 use catenary_core::posterior::Marginal;
@@ -13,8 +15,6 @@ use std::path::PathBuf;
 
 /// Number of low-variance samples in the picture of two parameters.
 const SAMPLES: usize = 12;
-/// Share of the prior's interval above which a posterior interval counts as uninformed by the recording.
-const TOLD: f64 = 0.9;
 
 /// Contents of the page.
 pub struct Contents<'a> {
@@ -42,13 +42,17 @@ pub struct Contents<'a> {
     pub refinement: Option<&'a Refinement>,
     /// Recordings with the model's keypoints at the medians; empty if there are none.
     pub fits: &'a [RecordedFit],
+    /// Recordings that the inference has not seen, with their predictions; empty if none were asked for.
+    pub predicted: &'a [Predicted],
 }
 
 /// Renders the whole page.
 pub fn page(inferred: &Contents<'_>) -> Result<String> {
     let mut page = Page::new(&format!("Parameters of {} from the recording", inferred.model));
     page.answer(&answer(inferred), inferred.misfit.is_some() || is_refuted(inferred.predictive.ok()));
-    page.warnings(&inferred.warnings.iter().map(|text| titled(text)).collect::<Vec<_>>());
+    let of_predictions = inferred.predicted.iter().flat_map(Predicted::named_warnings);
+    let warnings = inferred.warnings.iter().map(|text| titled(text)).chain(of_predictions);
+    page.warnings(&warnings.collect::<Vec<_>>());
     let bags: Vec<String> = inferred.bags.iter().map(|b| b.display().to_string()).collect();
     page.note(&format!("Measured: {}{}.", bags.join(", "), inferred.size));
     page.heading("Parameters");
@@ -59,6 +63,11 @@ pub fn page(inferred: &Contents<'_>) -> Result<String> {
         page.heading("Recording and fit");
         page.note("Keypoints in the picture of the camera, at the medians of the posterior. The slider begins where they differ most.");
         inferred.fits.iter().for_each(|fit| page.svg(&fit.figure()));
+    }
+    if !inferred.predicted.is_empty() {
+        page.heading("Recordings that the fit has not seen");
+        page.table(&predicted::HEAD, &inferred.predicted.iter().map(Predicted::row).collect::<Vec<_>>());
+        inferred.predicted.iter().filter_map(Predicted::sentence).for_each(|sentence| page.note(&sentence));
     }
     if posterior.parameters.dimension() > 1 {
         page.heading("Pairs of parameters");
@@ -160,12 +169,8 @@ fn values(marginals: &[Marginal]) -> String {
 
 /// Sentence on the parameters that the recording does not determine; `None` if it determines all.
 fn untold(inferred: &Contents<'_>) -> Option<String> {
-    let is_untold = |m: &&Marginal| {
-        let space = &inferred.posterior.parameters;
-        let prior = space.index_of(&m.name).map(|i| &space.parameters()[i].prior);
-        prior.is_some_and(|p| p.to_unit(m.q95) - p.to_unit(m.q05) > TOLD * 0.9)
-    };
-    let names: Vec<String> = inferred.marginals.iter().filter(is_untold).map(|m| Quantity::of(&m.name).title).collect();
+    let names: Vec<String> =
+        undetermined(inferred.posterior, inferred.marginals).into_iter().map(|name| Quantity::of(name).title).collect();
     (!names.is_empty()).then(|| {
         format!("The recording does not determine the {}: the interval is that of the prior.", names.join(" and the "))
     })
@@ -249,6 +254,7 @@ mod tests {
             simulations: 12_000,
             refinement: None,
             fits: &[],
+            predicted: &[],
         });
         check(&page.unwrap());
     }
