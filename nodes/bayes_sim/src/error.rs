@@ -85,9 +85,7 @@ pub enum InferenceError {
         draws: usize,
     },
     /// The recording to predict is one of the recordings of the inference.
-    #[error(
-        "{episode}, to be predicted: expected a recording that the inference does not see, got one of its recordings"
-    )]
+    #[error("{episode}: expected a recording that the inference does not see, got one of its recordings")]
     Seen {
         /// Name of the episode.
         episode: String,

@@ -175,11 +175,11 @@ impl Prediction {
         let mut doubts = Vec::new();
         if self.is_overconfident() {
             let cause = match self.undetermined.as_slice() {
-                [] => "the recording that was fitted determines every parameter, so that the model lacks what decides this \
-                       motion"
+                [] => "the posterior is narrower than the prior in every parameter, so that the model lacks what decides this \
+                       motion, or its priors exclude it"
                     .to_owned(),
                 open => format!(
-                    "what the recording that was fitted did not determine ({}), or what the model lacks, decides this motion",
+                    "what the recording that was fitted did not determine ({}), what the model lacks or what its priors exclude decides this motion",
                     open.join(", ")
                 ),
             };

@@ -171,7 +171,7 @@ fn a_falsely_certain_posterior_gets_a_warning() {
     let certain = predicted(&inferred([0.5, 0.2], [1e-4, 1e-4]), &unseen, 1);
     assert!(certain.is_overconfident() && !certain.is_open(), "{certain:?}");
     let warning = &certain.warnings[0];
-    assert!(warning.contains("determines every parameter, so that the model lacks"), "{warning}");
+    assert!(warning.contains("narrower than the prior in every parameter"), "{warning}");
     let right = predicted(&inferred([0.5, 0.9], [1e-4, 1e-4]), &unseen, 1);
     assert_eq!(right.warnings, Vec::<String>::new(), "{right:?}");
 }

@@ -10,7 +10,7 @@ use crate::inputs::posterior_file::PosteriorFile;
 use crate::options::PriorSupportName;
 use crate::report::RecordedFit;
 use crate::terminal::{output, progress};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use bayes_sim::fingerprint;
 use bayes_sim::node::StateFile;
 use bayes_sim::sequential::Progress;
@@ -100,8 +100,12 @@ pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
         [] => Vec::new(),
         bags => read_measured(bags, &arguments.predict_episode, model)?,
     };
-    let unseen = others.iter().map(|other| Unseen::new(model, other, &measured, policy.as_ref()));
-    let unseen = unseen.collect::<Result<Vec<_>, _>>()?;
+    let bags = predicted::bags(&arguments.predict, &others);
+    let unseen = bags.iter().map(|(bag, other)| {
+        let unseen = Unseen::new(model, other, &measured, policy.as_ref());
+        unseen.with_context(|| format!("--predict {}", bag.display()))
+    });
+    let unseen = unseen.collect::<Result<Vec<_>>>()?;
     let mut settings = arguments.sizes.settings();
     settings.prior_support = arguments.prior_support.map_or(settings.prior_support, PriorSupportName::setting);
     settings.seed = arguments.seed;
@@ -115,7 +119,6 @@ pub fn run(arguments: &InferArgs, model: &Model) -> Result<()> {
     let file = StateFile::new(arguments.out.join("state.json"), asked);
     let Inferred { result, simulation_s } =
         infer(model, &measured, policy.as_ref(), &settings, Some(&file), &shutdown)?;
-    let bags = predicted::bags(&arguments.predict, &others);
     let predictions = predicted::all(bags, &unseen, model, (&result, &settings), (&shutdown, file.path()))?;
     let tracks = || measured.iter().map(|m| &m.track.frames);
     let report = Report {
