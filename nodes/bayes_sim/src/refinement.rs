@@ -3,7 +3,7 @@
 //! A network that was trained on some thousand simulations knows where the posterior is, and not how sharp it is. The
 //! refinement fits the model from draws of the networks and of the prior, and draws from the exact posterior of the
 //! parameters and of what the model draws for each episode (`track_fit::sampling`). Its likelihood is that of the model
-//! file: independent Gaussian noise of `camera.keypoint_noise_px` on each keypoint coordinate.
+//! file: independent Gaussian noise of `camera.keypoint_noise_px` on each keypoint coordinate, and of `observation.wrench` on the wrench.
 
 use crate::diagnostics::{self, PredictiveCheck, Unchecked};
 use crate::sequential::PART;
@@ -15,7 +15,9 @@ use serde::{Deserialize, Serialize};
 use std::cell::Cell;
 use std::ops::ControlFlow;
 use track_fit::data::{MeasuredEpisode, Offset, Scope, Unknowns, rmse_mm};
-use track_fit::fitting::{FidelityCorrection, Fit, OnRound, Problem, Start, corrected_fit, modes, noise_inflation};
+use track_fit::fitting::{
+    FidelityCorrection, Fit, OnRound, Problem, Start, corrected_fit, modes, noise_inflation, wrench_inflation,
+};
 use track_fit::sampling::{Budget, Draws, draws, gaussians_of};
 use track_fit::{Differences, FitError};
 
@@ -67,6 +69,10 @@ pub struct Refinement {
     /// Variance of the likelihood's noise in variances of the stated noise: 1, or that of the best fit's residuals if they leave
     /// more than the stated noise.
     pub noise_inflation: f64,
+    /// Variance of the likelihood's noise of the wrench in variances of the stated one, before `noise_inflation`: 1, or that of the best
+    /// fit's residuals of the wrench.
+    #[serde(default = "as_stated", skip_serializing_if = "is_as_stated")]
+    pub wrench_inflation: f64,
     /// Root mean square distance of the mean prediction of the networks' posterior, mm; none if it could not be simulated.
     pub networks_rmse_mm: Option<f64>,
     /// Width of the 90 % interval of the networks' posterior, by parameter (D), in the parameter's unit.
@@ -85,6 +91,15 @@ pub struct Refinement {
     pub simulations: usize,
 }
 
+fn as_stated() -> f64 {
+    1.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_as_stated(inflation: &f64) -> bool {
+    *inflation == as_stated()
+}
+
 impl Refinement {
     /// Reasons to doubt the refined posterior; none if it settled. `rmse_mm` is that of its mean prediction.
     pub fn warnings(&self, rmse_mm: Option<f64>) -> Vec<String> {
@@ -100,6 +115,12 @@ impl Refinement {
             warnings.push(format!(
                 "the best fit leaves {:.1} times the noise that the model file states (camera.keypoint_noise_px): the intervals are those of this noise; find-effects may tell what the model lacks",
                 self.noise_inflation.sqrt()
+            ));
+        }
+        if self.wrench_inflation > 1.0 {
+            warnings.push(format!(
+                "the best fit leaves {:.1} times the noise of the wrench that the model file states (observation.wrench): its part of the intervals is that of this noise; a bias or delay of the sensor, or find-effects, may tell what the model lacks",
+                self.wrench_inflation.sqrt()
             ));
         }
         let best_mm = self.best_fit_rmse_mm;
@@ -163,6 +184,7 @@ pub fn refine(
     let networks_rmse_mm = mean_rmse_mm(&problem, &known, &model, &mut on_round)?;
     let modes = modes(&problem, known, &of_fits, &mut on_round)?;
     let (corrected, modes, is_corrected) = corrected(&problem, modes, of_fits.finer_fidelity, &mut on_round)?;
+    let (corrected, modes, wrench_inflation) = at_wrench_noise(&problem, (corrected, modes), &mut on_round)?;
     let problem = Problem { episodes: &corrected, unknowns: problem.unknowns.clone(), ..problem };
     let (drawn, modes) = drawn(&problem, modes, seed, &mut on_round)?;
     let posterior = posterior_of(&problem, &drawn, networks, seed)?;
@@ -180,6 +202,7 @@ pub fn refine(
         best_fit_rmse_mm: rmse_mm(offsets.iter()),
         best_fit_residual: best.cost / best.residuals.len() as f64,
         noise_inflation: drawn.inflation,
+        wrench_inflation,
         networks_rmse_mm,
         networks_width: width(networks).map_err(outside)?,
         modes: modes.len(),
@@ -326,6 +349,26 @@ fn corrected(
         all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
     Ok((best.episodes, all, true))
+}
+
+/// Episodes and modes with the noise of the wrench that the best mode leaves, and that in variances of the stated noise: 1 if it leaves no more.
+fn at_wrench_noise(
+    problem: &Problem<'_>,
+    (episodes, modes): (Vec<MeasuredEpisode>, Vec<Fit>),
+    on_round: OnRound<'_>,
+) -> Result<(Vec<MeasuredEpisode>, Vec<Fit>, f64), FitError> {
+    let of = |episodes| Problem { episodes, unknowns: problem.unknowns.clone(), ..*problem };
+    let inflation = wrench_inflation(&modes[0], &of(&episodes).channels());
+    if inflation == 1.0 {
+        return Ok((episodes, modes, inflation));
+    }
+    let wider: Vec<MeasuredEpisode> = episodes.iter().map(|e| e.with_wrench_variance(inflation)).collect();
+    let own = of(&wider);
+    let start = |fit: &Fit| Start { point: fit.point.clone(), tracks: own.measured() };
+    let fits = own.fit(modes.iter().map(start).collect(), on_round)?;
+    let mut again: Vec<Fit> = fits.into_iter().flatten().collect();
+    again.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    if again.is_empty() { Ok((episodes, modes, 1.0)) } else { Ok((wider, again, inflation)) }
 }
 
 /// Draws of the posterior, and the modes with the best fit that the walkers led to.

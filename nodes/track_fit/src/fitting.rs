@@ -14,7 +14,7 @@ mod refit;
 mod simulate;
 mod step;
 
-pub use excess::{is_beyond_noise, leaves_more_than_noise, leaves_much, noise_inflation};
+pub use excess::{is_beyond_noise, leaves_more_than_noise, leaves_much, noise_inflation, wrench_inflation};
 pub use fidelity::{CorrectedFit, FidelityCorrection, calibrated, corrected_fit};
 pub use laplace::Laplace;
 pub use minima::other_minima;

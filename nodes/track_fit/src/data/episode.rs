@@ -174,6 +174,12 @@ impl MeasuredEpisode {
         first
     }
 
+    /// Episode with `factor` times the variance of the wrench's noise.
+    #[must_use]
+    pub fn with_wrench_variance(&self, factor: f64) -> Self {
+        Self { wrench_sd: self.wrench_sd.map(|sds| sds.map(|sd| sd * factor.sqrt())), ..self.clone() }
+    }
+
     /// Simulated track plus the fidelity correction.
     #[must_use]
     pub fn corrected(&self, mut track: Track) -> Track {

@@ -1,6 +1,7 @@
 //! Residual energy of a fit in excess of noise.
 
 use super::problem::Fit;
+use crate::data::{Channel, Quantity};
 
 /// Mean squared residual, in variances of the noise, above which a fit leaves a large gap.
 const MUCH: f64 = 3.0;
@@ -39,6 +40,16 @@ pub fn noise_inflation(fit: &Fit) -> f64 {
     fit.cost / (fit.residuals.len() as f64 - fit.point.len() as f64).max(1.0)
 }
 
+/// Variance of the wrench's residuals in variances of its stated noise, if it exceeds that by more than chance allows; else 1. `channels` are
+/// the rows of the fit.
+///
+/// The mean over all rows would hide it: keypoints are several times as many, and their noise is another.
+pub fn wrench_inflation(fit: &Fit, channels: &[Channel]) -> f64 {
+    let of_wrench = channels.iter().zip(&fit.residuals).filter(|(c, _)| matches!(c.quantity, Quantity::Wrench { .. }));
+    let (count, cost) = of_wrench.fold((0.0_f64, 0.0_f64), |(count, cost), (_, r)| (count + 1.0, cost + r * r));
+    if cost > count + OVERRULED_SDS * (2.0 * count).sqrt() { cost / count } else { 1.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -53,5 +64,20 @@ mod tests {
         // 20 is one standard deviation of a sum of 200 squares.
         assert_eq!((of(50.0), of(255.0)), (1.0, 1.0));
         assert!((of(396.0) - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_noise_of_a_wrench_is_judged_by_its_own_rows() {
+        let row = |frame: usize, quantity| Channel { episode: 0, frame, time_s: 0.1 * frame as f64, quantity };
+        let both =
+            |frame| [row(frame, Quantity::Keypoint { point: 0, axis: 0 }), row(frame, Quantity::Wrench { axis: 1 })];
+        let channels: Vec<Channel> = (0..100).flat_map(both).collect();
+        let of = |keypoint: f64, wrench: f64| {
+            let residuals = DVector::from_fn(200, |i, _| if i % 2 == 0 { keypoint } else { wrench });
+            let cost = residuals.norm_squared();
+            let jacobian = DMatrix::zeros(200, 2);
+            wrench_inflation(&Fit { point: vec![0.5; 2], cost, residuals, jacobian, tracks: Vec::new() }, &channels)
+        };
+        assert!((of(0.1, 1.5) - 2.25).abs() < 1e-12 && of(3.0, 1.1) == 1.0, "{} {}", of(0.1, 1.5), of(3.0, 1.1));
     }
 }
