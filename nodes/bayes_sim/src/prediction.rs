@@ -160,8 +160,8 @@ impl Prediction {
     /// True if the posterior claims more certainty than it has: less of the recording lies in the 90 % band than in that of
     /// nearly all draws, or it lies farther off than nearly all of them.
     pub fn is_overconfident(&self) -> bool {
-        let is_rare = self.bands.coverage_p_value <= IMPROBABLE * (1.0 + 1e-9) || self.figures.is_improbable();
-        self.figures.coverage < LOW_COVERAGE && is_rare
+        let is_improbable = is_rare(self.bands.coverage_p_value) || self.figures.is_improbable();
+        self.figures.coverage < LOW_COVERAGE && is_improbable
     }
 
     /// True if what the fitted recordings left open makes the prediction much wider than the noise.
@@ -183,8 +183,12 @@ impl Prediction {
                     open.join(", ")
                 ),
             };
+            let rare = match is_rare(self.bands.coverage_p_value) {
+                true => "less than of 99 % of the motions that the posterior expects",
+                false => "and it lies farther off than 99 % of the motions that the posterior expects",
+            };
             doubts.push(format!(
-                "the 90 % bands hold {:.0} % of the unseen motion (RMSE {:.1} mm, bands ± {:.1} mm), fewer than those of 99 % of the motions that the posterior expects: {cause}; do not trust its certainty",
+                "the 90 % bands hold {:.0} % of the unseen motion (RMSE {:.1} mm, bands ± {:.1} mm), {rare}: {cause}; do not trust its certainty",
                 100.0 * p.coverage,
                 p.rmse_mm,
                 p.half_width_mm
@@ -223,6 +227,12 @@ impl Prediction {
             some => format!(" (most with {})", some.iter().map(word).collect::<Vec<_>>().join("; ")),
         }
     }
+}
+
+/// True for a p value that comes from a right prediction once in a hundred times at most.
+fn is_rare(p_value: f64) -> bool {
+    // Shares of draws carry rounding errors.
+    p_value <= IMPROBABLE * (1.0 + 1e-9)
 }
 
 /// Names of what the model draws for each episode.
