@@ -6,7 +6,7 @@ use catenary_core::{Camera, DeltaAnchor};
 use std::sync::Arc;
 
 /// Answer of a table's effect if the model has no table.
-pub const NO_TABLE: &str = "a model with a table (table_height_m)";
+pub const NO_TABLE: &str = "a model with a table (table_height_m), got one without";
 
 /// Settings of one episode. Effects change them before the episode starts.
 #[derive(Debug, Clone)]
@@ -25,6 +25,8 @@ pub struct EpisodeModel {
     pub camera: CameraSettings,
     /// Sensor of the wrench on the hand; none if the model does not observe the wrench.
     pub wrench: Option<WrenchSettings>,
+    /// Slip of the strands to which the effect of their friction refers.
+    pub strand_slip: StrandSlip,
     /// Place and frequency of the templates.
     pub templates: Companions,
     /// Place and frequency of the unlisted effects.
@@ -64,6 +66,22 @@ pub struct Companions {
 impl Default for Companions {
     fn default() -> Self {
         Self { place: 0.5, frequency_hz: 1.0 }
+    }
+}
+
+/// Slip of a cable's strands, for the effect of their friction. It does nothing alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StrandSlip {
+    /// Turn of the whole length in rad at which strands slip: slip moment over sticking stiffness, times the length.
+    pub turn_rad: f64,
+    /// Ratio of the greatest to the least curvature at which strands slip: 1 if all slip at once.
+    pub spread: f64,
+}
+
+impl Default for StrandSlip {
+    fn default() -> Self {
+        // The turn is about the median of its prior.
+        Self { turn_rad: 0.17, spread: 1.0 }
     }
 }
 

@@ -1,8 +1,8 @@
 //! Physical parameters and effects that a model may name, and the episode settings that they make.
 
 use crate::beam::{BeamError, BeamParameters, StartChange, Table, Terms};
-use crate::effects::Registry;
-use crate::episode_model::{ArmSettings, CameraSettings, Companions, EpisodeModel, WrenchSettings};
+use crate::effects::{Registry, replaced};
+use crate::episode_model::{ArmSettings, CameraSettings, Companions, EpisodeModel, StrandSlip, WrenchSettings};
 use catenary_core::Model;
 use catenary_core::spelling::did_you_mean;
 use std::collections::BTreeMap;
@@ -153,12 +153,20 @@ pub enum ParameterError {
     #[error("model parameters: sticking_stiffness_n_m2 and slip_moment_n_m act together: expected both or neither")]
     Strands,
     /// Effect without anything to act on.
-    #[error("effect `{name}`: expected {needs}, got one without")]
+    #[error("effect `{name}`: expected {needs}")]
     Effect {
         /// Name of the effect.
         name: &'static str,
-        /// Part that it needs.
+        /// Model that it needs, and what came instead.
         needs: &'static str,
+    },
+    /// Effect that another one has replaced.
+    #[error("effect `{name}`: it is no more: expected {by}")]
+    Replaced {
+        /// Former name.
+        name: &'static str,
+        /// Names and meaning of what replaced it.
+        by: &'static str,
     },
     /// Combination that the beam refuses.
     #[error(transparent)]
@@ -177,6 +185,9 @@ pub(crate) fn known(registry: &Registry, name: &str) -> Result<(&'static str, [f
     let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.name, p.range));
     let effect = || registry.find(name).map(|e| (e.about().name, e.about().range));
     parameter.or_else(effect).ok_or_else(|| {
+        if let Some((name, by)) = replaced(name) {
+            return ParameterError::Replaced { name, by };
+        }
         let parameters: Vec<&str> = CATALOGUE.iter().map(|p| p.name).collect();
         let effects: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
         ParameterError::Unknown {
@@ -261,6 +272,7 @@ impl<'r> Values<'r> {
             arm: ArmSettings::new(model.arm.law, model.delta_anchor()),
             camera: CameraSettings::new(model.camera.view, model.camera.keypoint_noise_px),
             wrench: model.observation.wrench.map(|noise| WrenchSettings::new(noise.sds())),
+            strand_slip: StrandSlip::default(),
             templates: Companions::default(),
             unlisted: Companions::default(),
         };

@@ -41,9 +41,6 @@ pub struct BeamParameters {
     pub slip_moment_n_m: f64,
     /// Ratio of the greatest to the least curvature at which strands slip: 1 if all slip at once.
     pub slip_spread_ratio: f64,
-    /// Friction between strands that slip gradually, c: after a turn t of the whole length, in rad, they add a moment of c EI
-    /// / L t^(1/4).
-    pub strand_friction: f64,
     /// Share of its stress that a strain loses if held for ever: standard linear solid with unrelaxed stiffness EA, GA,
     /// EI. The initial shape counts as new: nothing of it has relaxed.
     pub creep_fraction: f64,
@@ -156,7 +153,6 @@ impl BeamParameters {
             sticking_stiffness_n_m2: 0.0,
             slip_moment_n_m: 0.0,
             slip_spread_ratio: 1.0,
-            strand_friction: 0.0,
             linear_drag_n_s_m2: 0.0,
             quadratic_drag_n_s2_m3: 0.0,
             rest_curvature_per_m: 0.0,
@@ -217,7 +213,6 @@ impl BeamParameters {
             ("kelvin_voigt_time_s", self.kelvin_voigt_time_s),
             ("sticking_stiffness_n_m2", self.sticking_stiffness_n_m2),
             ("slip_moment_n_m", self.slip_moment_n_m),
-            ("strand_friction", self.strand_friction),
             ("linear_drag_n_s_m2", self.linear_drag_n_s_m2),
             ("quadratic_drag_n_s2_m3", self.quadratic_drag_n_s2_m3),
             ("tip_mass_kg", self.tip_mass_kg),

@@ -4,8 +4,7 @@
 //! motions therefore meet the stiff cable; large ones meet the soft cable and lose energy. Several layers of strands
 //! slip one after the other.
 //!
-//! Two laws. The sticking law has a stiffness, the moment at which all strands slip, and the spread of the curvatures at which
-//! they slip. The gradual law has one number; the others are its constants.
+//! The law has a stiffness, the moment at which all strands slip, and the spread of the curvatures at which they slip.
 //!
 //! Source: the elastic, perfectly plastic element of Jenkins, and several in parallel (Iwan 1966, "A distributed-element
 //! model for hysteresis"); for cables Papailiou 1997, "On the bending stiffness of transmission line conductors".
@@ -14,21 +13,8 @@ use super::element::Response;
 use super::mesh::Element;
 use super::parameters::BeamParameters;
 
-/// Layers of the gradual law.
-const GRADUAL: usize = 5;
-/// Most layers of the sticking law.
-const STICKING: usize = 5;
-/// Layers of strands: those of the sticking law, of which the last one acts alone if all strands slip at once, then those of
-/// the gradual law.
-pub(super) const LAYERS: usize = STICKING + GRADUAL;
-/// Turn of the whole length in rad at which the first layer of the gradual law slips, and ratio of the turns of
-/// neighbouring layers. The last one slips at 4.9 rad, beyond which cables are not bent.
-const FIRST_TURN: f64 = 0.06;
-const TURN_RATIO: f64 = 3.0;
-/// Power of the turn with which the moment of the gradual law grows.
-// Swings of two cables, bare and with a mass at the tip, are fitted to 3.5, 3.5, 3.1 and 2.3 mm by this power and first
-// turn. One layer alone needs another turn for each cable.
-const GROWTH: f64 = 0.25;
+/// Layers of strands, of which the last one acts alone if all strands slip at once.
+pub(super) const LAYERS: usize = 5;
 
 /// Curvatures in 1/m, less the rest curvature, at which the friction of each layer is zero.
 pub(super) type Neutral = [f64; LAYERS];
@@ -54,41 +40,33 @@ impl Layer {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct StrandFriction {
     layers: [Layer; LAYERS],
-    /// Range of the layers that act.
-    from: usize,
-    to: usize,
+    /// Number of the layers that act, the last ones.
+    acting: usize,
 }
 
 impl StrandFriction {
-    /// Returns the friction of a beam: the sticking law, and the gradual law.
+    /// Returns the friction of a beam.
     pub fn of(p: &BeamParameters) -> Self {
-        let mut layers = [Layer::default(); LAYERS];
-        let count = match p.sticking_stiffness_n_m2 > 0.0 {
+        let acting = match p.sticking_stiffness_n_m2 > 0.0 {
             false => 0,
             // Layers that slip together are one.
             true if p.slip_spread_ratio == 1.0 => 1,
-            true => STICKING,
+            true => LAYERS,
         };
-        let from = STICKING - count;
-        layers[from..STICKING].copy_from_slice(&sticking(p)[..count]);
-        let is_gradual = p.strand_friction > 0.0;
-        if is_gradual {
-            layers[STICKING..].copy_from_slice(&gradual(p));
-        }
-        Self { layers, from, to: if is_gradual { LAYERS } else { STICKING } }
+        Self { layers: layers(p), acting }
     }
 
     /// Returns true if there is any friction.
     #[inline(always)]
     pub fn acts(&self) -> bool {
-        self.from < self.to
+        self.acting > 0
     }
 
     /// Layers that act, each with its curvature of zero friction.
     #[inline(always)]
     fn acting<'a>(&'a self, neutral: &'a Neutral) -> impl Iterator<Item = (&'a Layer, f64)> {
-        let range = self.from..self.to;
-        self.layers[range.clone()].iter().zip(neutral[range].iter().copied())
+        let from = LAYERS - self.acting;
+        self.layers[from..].iter().zip(neutral[from..].iter().copied())
     }
 
     /// Returns the moment in N m at a curvature in 1/m.
@@ -130,42 +108,25 @@ impl StrandFriction {
     /// Moves the curvatures of zero moment by the slip that `curvature` causes.
     #[inline(always)]
     pub fn slip(&self, curvature: f64, neutral: &mut Neutral) {
-        for (layer, neutral) in self.layers[self.from..self.to].iter().zip(&mut neutral[self.from..self.to]) {
+        let from = LAYERS - self.acting;
+        for (layer, neutral) in self.layers[from..].iter().zip(&mut neutral[from..]) {
             *neutral = curvature - layer.moment_at(curvature, *neutral) / layer.stiffness;
         }
     }
 }
 
-/// Returns the layers of the sticking law: equal stiffness, and curvatures of slip at equal ratios from one to the next. Their
-/// stiffness and moment add up to those of the cable. Without a spread the first one is the whole law.
-fn sticking(p: &BeamParameters) -> [Layer; STICKING] {
+/// Returns the layers: equal stiffness, and curvatures of slip at equal ratios from one to the next. Their stiffness and moment
+/// add up to those of the cable. Without a spread each one is the whole law.
+fn layers(p: &BeamParameters) -> [Layer; LAYERS] {
     let whole = Layer { stiffness: p.sticking_stiffness_n_m2, moment: p.slip_moment_n_m };
     if p.slip_spread_ratio == 1.0 {
-        return [whole; STICKING];
+        return [whole; LAYERS];
     }
-    let relative = |layer: usize| p.slip_spread_ratio.powf(layer as f64 / (STICKING - 1) as f64);
-    let sum: f64 = (0..STICKING).map(relative).sum();
+    let relative = |layer: usize| p.slip_spread_ratio.powf(layer as f64 / (LAYERS - 1) as f64);
+    let sum: f64 = (0..LAYERS).map(relative).sum();
     std::array::from_fn(|layer| Layer {
-        stiffness: whole.stiffness / STICKING as f64,
+        stiffness: whole.stiffness / LAYERS as f64,
         moment: whole.moment * relative(layer) / sum,
-    })
-}
-
-/// Returns the layers of the gradual law: their joint moment after a turn t of the whole length, from zero friction on, is
-/// c EI / L t^[`GROWTH`] at the turn of each layer, with the coefficient c of the beam, and linear between them.
-fn gradual(p: &BeamParameters) -> [Layer; GRADUAL] {
-    let scale = p.strand_friction * p.bending_stiffness_n_m2 / p.length_m;
-    let turn = |layer: usize| FIRST_TURN * TURN_RATIO.powi(layer as i32);
-    let moment = |layer: usize| scale * turn(layer).powf(GROWTH);
-    // Stiffness of all layers that still stick on the way to the turn of `layer`.
-    let slope = |layer: usize| match layer {
-        0 => p.length_m * moment(0) / turn(0),
-        GRADUAL.. => 0.0,
-        _ => p.length_m * (moment(layer) - moment(layer - 1)) / (turn(layer) - turn(layer - 1)),
-    };
-    std::array::from_fn(|layer| {
-        let stiffness = slope(layer) - slope(layer + 1);
-        Layer { stiffness, moment: stiffness * turn(layer) / p.length_m }
     })
 }
 
@@ -174,13 +135,9 @@ mod tests {
     use super::*;
     use catenary_core::model::Section;
 
-    fn cable(strand_friction: f64) -> BeamParameters {
-        let bar = BeamParameters::from_youngs_modulus(0.4, Section::Round { diameter_m: 0.02 }, 1000.0, 1e7, 0.45);
-        BeamParameters { strand_friction, ..bar }
-    }
-
     fn spread(slip_spread_ratio: f64) -> StrandFriction {
-        let strands = BeamParameters { sticking_stiffness_n_m2: 2.0, slip_moment_n_m: 0.1, ..cable(0.0) };
+        let bar = BeamParameters::from_youngs_modulus(0.4, Section::Round { diameter_m: 0.02 }, 1000.0, 1e7, 0.45);
+        let strands = BeamParameters { sticking_stiffness_n_m2: 2.0, slip_moment_n_m: 0.1, ..bar };
         StrandFriction::of(&BeamParameters { slip_spread_ratio, ..strands })
     }
 
@@ -193,12 +150,17 @@ mod tests {
         assert_eq!(moment(1.0, 0.05), 0.1);
         let at_corner: Vec<f64> = [1.001, 3.0, 30.0, 300.0].map(|ratio| moment(ratio, 0.05)).into();
         assert!(at_corner.windows(2).all(|pair| pair[1] < pair[0]) && at_corner[0] > 0.0999, "{at_corner:?}");
-        let (first, last) = (spread(30.0).layers[0], spread(30.0).layers[STICKING - 1]);
+        let (first, last) = (spread(30.0).layers[0], spread(30.0).layers[LAYERS - 1]);
         assert!((last.moment / last.stiffness / (first.moment / first.stiffness) - 30.0).abs() < 1e-9);
     }
 
     fn at_once() -> StrandFriction {
         spread(1.0)
+    }
+
+    #[test]
+    fn a_beam_without_sticking_stiffness_has_no_friction() {
+        assert!(!StrandFriction::default().acts() && at_once().acts() && spread(30.0).acts());
     }
 
     #[test]
@@ -222,7 +184,7 @@ mod tests {
     #[test]
     fn the_moment_is_the_derivative_of_the_energy() {
         let element = Element { length: 1.0, inverse_length: 1.0, ..Element::default() };
-        for friction in [at_once(), spread(30.0), StrandFriction::of(&cable(0.5))] {
+        for friction in [at_once(), spread(30.0)] {
             let response = |curvature: f64| {
                 let mut r = Response::default();
                 friction.add(&element, curvature, &[0.3; LAYERS], &mut r);
@@ -236,22 +198,10 @@ mod tests {
         }
     }
 
-    /// Virgin curve: c EI / L t^(1/4) at the turns of the layers.
-    #[test]
-    fn the_gradual_law_grows_with_the_fourth_root_of_the_turn() {
-        let p = cable(0.5);
-        let friction = StrandFriction::of(&p);
-        for turn in [0.06, 0.18, 0.54, 1.62, 4.86] {
-            let expected = 0.5 * p.bending_stiffness_n_m2 / p.length_m * f64::powf(turn, 0.25);
-            let got = friction.moment_at(turn / p.length_m, &[0.0; LAYERS]);
-            assert!((got - expected).abs() < 1e-9 * expected, "{turn}: {got}, not {expected}");
-        }
-    }
-
     /// Masing's rule: the branch after a reversal is the virgin curve at twice the scale.
     #[test]
     fn a_reversal_follows_the_virgin_curve_at_twice_the_scale() {
-        for friction in [StrandFriction::of(&cable(0.5)), spread(1.0), spread(30.0)] {
+        for friction in [at_once(), spread(30.0)] {
             reverses(&friction);
         }
     }

@@ -1,4 +1,4 @@
-//! Companions: effects that do nothing alone, and set where, how fast or in which shape others act.
+//! Companions: effects that do nothing alone, and set where, how fast, from which size on or in which shape others act.
 
 use super::effect::{About, Effect, Hook, log_uniform, uniform};
 use crate::episode_model::{Companions, EpisodeModel};
@@ -11,7 +11,7 @@ pub(super) struct Companion {
 }
 
 impl Companion {
-    /// Makes a companion that sets the value which `value` returns.
+    /// Makes a companion of the given description, which has the value `if_absent` where nothing names it.
     pub fn new(about: About, if_absent: f64, value: fn(&mut EpisodeModel) -> &mut f64) -> Self {
         Self { about, if_absent, value }
     }

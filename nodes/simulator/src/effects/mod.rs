@@ -4,6 +4,10 @@
 //! it (`theta`) or draw it anew for each episode (`effects`). Any number of effects act together, in the registry's
 //! order.
 //!
+//! Some effects need further numbers, their companions: where, how fast or from which size on they act. A companion is an
+//! effect of its own in model files, it does nothing alone, and it precedes its effects in the registry. An effect and its
+//! companions are a group: a search offers and names it once, and estimates each of its numbers.
+//!
 //! A new effect is a file here that implements [`Effect`], and a line in [`Registry::shipped`]. Nothing else changes.
 //! Physics that [`crate::EpisodeModel`] has no field for comes in through the terms of its hook,
 //! [`crate::beam::ForceTerm`] and its like.
@@ -64,5 +68,5 @@ mod wrench_bias;
 mod wrench_delay;
 
 pub use effect::{About, Effect, Hook, Sign};
-pub use registry::Registry;
+pub use registry::{Registry, replaced};
 pub use templates::{FREQUENCY as TEMPLATE_FREQUENCY, PLACE as TEMPLATE_PLACE};

@@ -11,6 +11,17 @@ use super::{
 };
 use std::sync::{Arc, LazyLock};
 
+/// Former effects, with what replaced them. Their names stay refused, so that no old file is read with another meaning.
+const REPLACED: [(&str, &str); 1] = [(
+    "strand_friction",
+    "strand_friction_rad with its companions strand_slip_turn_rad and strand_slip_spread, another law whose numbers must be found anew",
+)];
+
+/// Returns the former name as an effect that is no more, with the names and the meaning of what replaced it.
+pub fn replaced(name: &str) -> Option<(&'static str, &'static str)> {
+    REPLACED.into_iter().find(|(former, _)| *former == name)
+}
+
 /// Ordered list of effects with unique names.
 #[derive(Clone)]
 pub struct Registry {
@@ -18,7 +29,7 @@ pub struct Registry {
 }
 
 impl Registry {
-    /// Returns the effects of this crate that searches offer.
+    /// Returns the effects of this crate that searches offer, with their companions.
     pub fn shipped() -> &'static Registry {
         static SHIPPED: LazyLock<Registry> = LazyLock::new(|| {
             let [bias_x, bias_z, bias_y] = wrench_bias::WrenchBias::all();
@@ -29,6 +40,8 @@ impl Registry {
                 Arc::new(rest_curvature::RestCurvature),
                 Arc::new(rest_curvature_gradient::RestCurvatureGradient),
                 Arc::new(stiffness_gradient::StiffnessGradient),
+                Arc::new(strand_friction::slip_turn()),
+                Arc::new(strand_friction::slip_spread()),
                 Arc::new(strand_friction::StrandFriction),
                 Arc::new(axial_law::AxialLawChange),
                 Arc::new(density::Density),
@@ -118,7 +131,8 @@ impl Registry {
         self.effects.iter().map(AsRef::as_ref)
     }
 
-    /// Returns whether the effect with a name does nothing alone, and sets how others act.
+    /// Returns whether the named effect does nothing alone, and only sets where, how fast, from which size on or in which shape
+    /// others act.
     pub fn is_companion(&self, name: &str) -> bool {
         self.effects().any(|effect| effect.companions().contains(&name))
     }

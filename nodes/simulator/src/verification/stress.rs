@@ -3,7 +3,7 @@
 
 use super::error::VerificationError;
 use super::hand_path::random_motion;
-use crate::effects::Registry;
+use crate::effects::{Effect, Registry};
 use crate::episode::{Conditions, EpisodeSimulation};
 use crate::workers;
 use catenary_core::model::AxialLaw;
@@ -46,26 +46,31 @@ pub fn default_extremes(registry: &Registry, model: &Model) -> Vec<Extreme> {
     let parameters = [
         ("poisson_ratio", 0.0, 0.5),
         ("density_kg_m3", 800.0, 2000.0),
-        ("sticking_stiffness_n_m2", NO_STRANDS.0, 1e-3),
-        ("slip_moment_n_m", NO_STRANDS.1, 1e-2),
+        (STRANDS[0].0, STRANDS[0].1, 1e-3),
+        (STRANDS[1].0, STRANDS[1].1, 1e-2),
         ("slip_spread_ratio", 1.0, 100.0),
         ("creep_time_s", 0.05, 20.0),
         ("table_height_m", -0.05, 0.05),
         ("table_friction", 0.0, 1.0),
     ];
-    let effects = registry.effects().filter(|effect| effect.concerns(model)).map(|effect| {
+    // Companions do nothing alone; an effect that is pushed has its companions pushed with it.
+    let is_pushed = |effect: &&dyn Effect| effect.concerns(model) && !registry.is_companion(effect.about().name);
+    let effects = registry.effects().filter(is_pushed).map(|effect| {
         let about = effect.about();
         let (low, high) = about.prior.bounds();
-        let high = if about.name == "tip_mass_kg" { MOST_TIP_MASS_KG } else { high };
+        let is_mass = ["tip_mass_kg", "tip_load_kg"].contains(&about.name);
+        let high = if is_mass { MOST_TIP_MASS_KG } else { high };
         (about.name, low, high)
     });
     let extreme = |(name, low, high): (&str, f64, f64)| Extreme { name: name.to_owned(), low, high };
     parameters.into_iter().chain(effects).map(extreme).collect()
 }
 
-/// Sticking stiffness in N m^2 and slip moment in N m of strands without noticeable effect.
+/// Parameters of strands, with a sticking stiffness in N m^2 and a slip moment in N m without noticeable effect.
 // Not zero: each of the two needs the other.
-const NO_STRANDS: (f64, f64) = (1e-9, 1e-6);
+const STRANDS: [(&str, f64); 2] = [("sticking_stiffness_n_m2", 1e-9), ("slip_moment_n_m", 1e-6)];
+/// Effect that takes the place of these parameters.
+const STRANDS_EFFECT: &str = "strand_friction_rad";
 
 /// Stress test of many random episodes.
 #[derive(Debug, Clone, Copy)]
@@ -170,10 +175,17 @@ impl Stress<'_> {
         let mut rng = seed::rng(episode_seed, 0);
         let mut model = self.model.clone();
         model.object.axial_law = if rng.random::<bool>() { AxialLaw::Linear } else { AxialLaw::NeoHookean };
-        model.parameters.entry("sticking_stiffness_n_m2".into()).or_insert(NO_STRANDS.0);
-        model.parameters.entry("slip_moment_n_m".into()).or_insert(NO_STRANDS.1);
         let theta = self.theta(&mut rng);
-        let pushed = self.pushed(index, &mut rng);
+        let mut pushed = self.pushed(index, &mut rng);
+        pushed.extend(self.companions(&pushed, index));
+        if pushed.iter().any(|(name, _)| name == STRANDS_EFFECT) {
+            // Strands have one law: that of the effect, or that of the parameters.
+            pushed.retain(|(name, _)| STRANDS.iter().all(|(own, _)| own != name));
+        } else {
+            for (name, none) in STRANDS {
+                model.parameters.entry(name.into()).or_insert(none);
+            }
+        }
         let duration_s = model.task.map_or(0.0, |t| t.steps as f64 * t.step_period_s);
 
         let mut simulation = EpisodeSimulation::new(&model, self.registry, self.fidelity)?;
@@ -206,6 +218,16 @@ impl Stress<'_> {
             started_at_rest: counters.unconverged_equilibria == 0,
             blown_up,
         })
+    }
+
+    /// Companions of the pushed effects, at each combination of the ends of their priors in turn.
+    fn companions(&self, pushed: &[(String, f64)], index: usize) -> Vec<(String, f64)> {
+        let effects = pushed.iter().filter_map(|(name, _)| self.registry.find(name));
+        let of = |(place, name): (usize, &&str)| {
+            let (low, high) = self.registry.find(name)?.about().prior.bounds();
+            Some(((*name).to_owned(), if (index >> place).is_multiple_of(2) { low } else { high }))
+        };
+        effects.flat_map(|effect| effect.companions().iter().enumerate().filter_map(of)).collect()
     }
 
     fn theta(&self, rng: &mut ChaCha8Rng) -> Vec<f64> {

@@ -6,7 +6,7 @@ use crate::effects::Registry;
 use crate::parameters::CATALOGUE;
 use crate::parameters::tests::{cable, soft_bar};
 use crate::workers;
-use catenary_core::Fidelity;
+use catenary_core::{Fidelity, Model, Parameter, ParameterSpace, Prior};
 
 fn assert_kept(fidelity: Fidelity) {
     let rows = table(fidelity, workers::available()).unwrap();
@@ -79,27 +79,51 @@ fn sensitivities_are_the_derivatives_of_tracks_over_the_table() {
     let report = DerivativeTrial { model: &model, fidelity: Fidelity::Fast, episodes: 1, cpu_time }.run(|| ()).unwrap();
     // Two effects are random, one changes the mesh, and companions do nothing alone: they have no derivative of this kind.
     let left_out = ["dropped_frames", "keypoint_noise_px", "overhang_m"];
-    let registry = Registry::shipped();
-    let is_left_out = |name: &str| left_out.contains(&name) || registry.is_companion(name);
-    let expected = registry.effects().filter(|e| e.concerns(&model) && !is_left_out(e.about().name)).count() + 2;
+    let is_compared = |name: &str| !left_out.contains(&name) && !Registry::shipped().is_companion(name);
+    let expected = Registry::shipped().effects().filter(|e| e.concerns(&model) && is_compared(e.about().name)).count() + 2;
     assert_eq!(report.rows.len(), expected, "{report:#?}");
     assert!(report.passes, "{report:#?}");
 }
 
 #[test]
-fn sensitivities_are_the_derivatives_of_a_cable_whose_strands_rub_and_whose_tip_carries_a_load() {
+fn sensitivities_are_the_derivatives_of_a_cable_whose_strands_rub() {
+    of_a_cable_whose_strands_rub(&cable(), ["slip_moment_n_m", "slip_spread_ratio"]);
+}
+
+#[test]
+fn sensitivities_are_the_derivatives_of_a_cable_whose_tip_carries_a_load() {
     let mut model = cable();
-    model.parameters.insert("tip_load_kg".into(), 0.2);
-    model.parameters.insert("tip_load_offset_m".into(), 0.05);
-    model.parameters.insert("tip_load_gyration_radius_m".into(), 0.03);
+    let load = [("tip_load_kg", 0.2), ("tip_load_offset_m", 0.05), ("tip_load_gyration_radius_m", 0.03)];
+    model.parameters.extend(load.map(|(name, value)| (name.to_owned(), value)));
+    of_a_cable_whose_strands_rub(&model, load.map(|(name, _)| name));
+}
+
+#[test]
+fn sensitivities_are_the_derivatives_by_each_number_of_the_friction_between_strands() {
+    let mut model = cable();
+    let group = ["strand_friction_rad", "strand_slip_turn_rad", "strand_slip_spread"];
+    let own = ["sticking_stiffness_n_m2", "slip_moment_n_m", "slip_spread_ratio"];
+    let mut parameters = model.theta.parameters().to_vec();
+    parameters.retain(|p| !own.contains(&p.name.as_str()));
+    for name in group {
+        let mut prior = Registry::shipped().find(name).unwrap().about().prior;
+        if name != "strand_slip_spread" {
+            // The spread does nothing if no strand slips: the friction and its turn must be small for this motion.
+            prior = Prior::LogUniform { low: 0.01, high: 0.1 };
+        }
+        parameters.push(Parameter { name: name.into(), prior });
+    }
+    model.theta = ParameterSpace::new(parameters).unwrap();
+    of_a_cable_whose_strands_rub(&model, group);
+}
+
+fn of_a_cable_whose_strands_rub<const N: usize>(model: &Model, names: [&str; N]) {
     let cpu_time = || std::time::Duration::ZERO;
-    let trial = DerivativeTrial { model: &model, fidelity: Fidelity::Fast, episodes: 1, cpu_time };
+    let trial = DerivativeTrial { model, fidelity: Fidelity::Fast, episodes: 1, cpu_time };
     let report = trial.run(|| ()).unwrap();
     // A soft grip changes the mesh, so that its derivative is the mean slope up to a likely compliance. Stiff strands bend that
     // slope.
     let passes = report.rows.iter().filter(|row| row.name != "grip_compliance_rad_n_m").all(|row| row.passes);
-    let has = |name| report.rows.iter().any(|row| row.name == name);
-    let named =
-        ["slip_moment_n_m", "slip_spread_ratio", "tip_load_kg", "tip_load_offset_m", "tip_load_gyration_radius_m"];
-    assert!(passes && named.into_iter().all(has), "{report:#?}");
+    let has = |name: &str| report.rows.iter().any(|row| row.name == name);
+    assert!(passes && names.into_iter().all(has), "{report:#?}");
 }
