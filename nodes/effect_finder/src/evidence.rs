@@ -14,6 +14,6 @@ pub use discrepancy::{Discrepancy, Whitening, gain_beside_discrepancy};
 pub use hypothesis::{Effort, Hypothesis, lowest_cost};
 pub use linear_model::{LinearModel, Refined, WeighedModel, Weighing};
 pub use linearised::LinearisedModel;
-pub use magnitude::Magnitude;
+pub use magnitude::{CompanionValue, Magnitude};
 pub use marginal::{Baseline, Evidence};
 pub use ranking::{Explanation, Extent, Ranking, gain, groups, joined, log_posterior};

@@ -6,7 +6,7 @@ mod offsets;
 mod residuals;
 mod unknowns;
 
-pub use candidate::Candidate;
+pub use candidate::{Candidate, Companion};
 pub use episode::MeasuredEpisode;
 pub use offsets::{Offset, offsets_mm, rmse_mm};
 pub use residuals::{Channel, Quantity};

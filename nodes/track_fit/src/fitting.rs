@@ -16,7 +16,8 @@ mod step;
 
 pub use excess::{is_beyond_noise, leaves_more_than_noise, leaves_much, noise_inflation, wrench_inflation};
 pub use fidelity::{CorrectedFit, FidelityCorrection, calibrated, corrected_fit};
-pub use laplace::Laplace;
+pub use laplace::{Laplace, PRIOR_PRECISION};
+pub use linearise::Known;
 pub use minima::other_minima;
 pub use modes::modes;
 pub use multi_start::{best_fit, fit_among_draws};

@@ -103,7 +103,8 @@ impl DifferentiableSimulator for Toy {
 /// Candidate effect of the toy: positive, 0.001 to 0.1, at most 1.
 pub fn candidate(name: &str) -> Candidate {
     let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-    Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+    let companions = Vec::new();
+    Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0, companions }
 }
 
 /// Measured episode without noise, at these values of theta and effects.

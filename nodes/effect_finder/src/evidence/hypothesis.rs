@@ -1,9 +1,9 @@
 //! Candidate models: the present model with further effects, fitted.
 
-use super::magnitude::Magnitude;
-use super::marginal::{Evidence, Quadratic, sd_of};
+use super::magnitude::{CompanionValue, Magnitude};
+use super::marginal::{Evidence, Quadratic, companions_of, sd_of};
 use std::sync::Arc;
-use track_fit::data::{Candidate, MeasuredEpisode, Unknowns};
+use track_fit::data::{Candidate, Companion, MeasuredEpisode, Unknowns};
 use track_fit::fitting::{FidelityCorrection, Fit, Laplace, Problem, is_bound_active};
 
 /// Half width of a 90 % interval of a normal distribution, in standard deviations.
@@ -27,7 +27,7 @@ pub enum Effort {
 pub struct Hypothesis {
     /// Effects in the order in which they were added; empty: the present model.
     pub candidates: Vec<Candidate>,
-    /// Unknowns of the model. The effects are the last ones.
+    /// Unknowns of the model. The effects are the last ones; their companions come before them.
     pub unknowns: Unknowns,
     /// Fitted episodes with the fidelity correction of the fit; none: the episodes of the search, corrected for the
     /// present model.
@@ -70,10 +70,16 @@ impl Hypothesis {
         self.unknowns.columns() - self.candidates.len() + i
     }
 
+    /// Columns of effect `i` and of its companions in a point.
+    pub fn group_columns(&self, i: usize) -> Vec<usize> {
+        let companions = self.unknowns.companions_of(&self.candidates[i].name);
+        companions.into_iter().chain([self.column(i)]).collect()
+    }
+
     /// Value and standard deviation of effect `i`, all other unknowns free, with its spread between conditions.
     pub fn magnitude(&self, i: usize) -> (f64, f64) {
         let candidate = &self.candidates[i];
-        let cost = Quadratic::of(&self.fit, self.candidates.len());
+        let cost = Quadratic::of(&self.fit, &self.candidates);
         let (low, high) = candidate.search().bounds();
         // Data without information leave the value uniform over the search range.
         let most = (high - low) / 12f64.sqrt();
@@ -87,9 +93,28 @@ impl Hypothesis {
     pub fn magnitudes(&self) -> Vec<Magnitude> {
         let one = |(i, candidate): (usize, &Candidate)| {
             let (value, sd) = self.magnitude(i);
-            Magnitude { name: candidate.name.clone(), title: candidate.title.clone(), value, sd }
+            let companions = self.companions(candidate);
+            Magnitude { name: candidate.name.clone(), title: candidate.title.clone(), value, sd, companions }
         };
         self.candidates.iter().enumerate().map(one).collect()
+    }
+
+    /// Companions of an effect with their values and intervals, all other unknowns free.
+    fn companions(&self, candidate: &Candidate) -> Vec<CompanionValue> {
+        if candidate.companions.is_empty() {
+            return Vec::new();
+        }
+        let posterior = self.posterior();
+        let columns = self.unknowns.companions_of(&candidate.name);
+        let one = |(companion, column): (&Companion, usize)| {
+            let u = self.fit.point[column];
+            // Data without a posterior leave the whole prior.
+            let reach = posterior.as_ref().map_or(1.0, |p| INTERVAL_SDS * p.sd(column));
+            let at = |u: f64| companion.prior.from_unit(u.clamp(0.0, 1.0));
+            let (name, title) = (companion.name.clone(), companion.title.clone());
+            CompanionValue { name, title, value: at(u), q05: at(u - reach), q95: at(u + reach) }
+        };
+        candidate.companions.iter().zip(columns).map(one).collect()
     }
 
     /// Effect that stands in for something else, and the value that it would need: it is at the
@@ -112,21 +137,24 @@ impl Hypothesis {
     /// Pairs of effects, by index, of which the data determine little more than a sum or a difference: the correlation of
     /// their sizes is at least `least`, all other unknowns free.
     pub fn trading_pairs(&self, least: f64) -> Vec<(usize, usize)> {
-        let Some(likelihood) = Laplace::of_likelihood(&self.fit) else { return Vec::new() };
+        let companions = companions_of(&self.candidates, self.unknowns.columns());
+        let Some(likelihood) = Laplace::of_likelihood(&self.fit, companions) else { return Vec::new() };
         let correlations = likelihood.correlations(self.column(0)..self.unknowns.columns());
         let pairs = (0..self.candidates.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
         pairs.filter(|&pair| correlations[pair].abs() >= least).collect()
     }
 
     /// Starting points for a fit of this model near the fit of `other`. Shared unknowns start as in `other`. Each
-    /// effect that `other` lacks starts in turn at its own starting values, and finally at its present value. The
-    /// present fit may lie in another local minimum.
+    /// effect that `other` lacks starts in turn at its own starting values, and finally at its present value, always with its
+    /// present companions. The present fit may lie in another local minimum.
     pub fn starts_near(&self, other: &Hypothesis) -> Vec<Vec<f64>> {
         let there = self.unknowns.point_from(&other.unknowns, &other.fit.point);
         let own = |i: &usize| !other.has(&self.candidates[*i].name);
         let mut current = there;
         for i in (0..self.candidates.len()).filter(own) {
-            current[self.column(i)] = self.fit.point[self.column(i)];
+            for column in self.group_columns(i) {
+                current[column] = self.fit.point[column];
+            }
         }
         let moved = |i: usize| {
             let (column, candidate, current) = (self.column(i), &self.candidates[i], &current);
@@ -171,13 +199,22 @@ pub fn lowest_cost(all: &[Hypothesis]) -> f64 {
 mod tests {
     use super::*;
     use catenary_core::Prior;
+    use nalgebra::{DMatrix, DVector};
     use std::ops::ControlFlow;
     use track_fit::fitting::Start;
     use track_fit::toy::{self, Toy};
 
     fn candidate(name: &str) -> Candidate {
         let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-        Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+        Candidate {
+            name: name.into(),
+            title: name.into(),
+            prior,
+            range: [0.0, 1.0],
+            base: 0.0,
+            odds: 1.0,
+            companions: Vec::new(),
+        }
     }
 
     /// Model with one effect, fitted from one start to data with a tip mass of 0.05.
@@ -221,6 +258,56 @@ mod tests {
         // The other model has the effect, too, so that its value there is used.
         let [point] = own.starts_near(&own).try_into().unwrap();
         assert!(point.iter().zip(&own.fit.point).all(|(a, b)| (a - b).abs() < 1e-9), "{point:?}");
+    }
+
+    /// Group of an effect and a companion, fitted.
+    fn group(jacobian: DMatrix<f64>) -> Hypothesis {
+        let model = toy::model();
+        let prior = Prior::LogUniform { low: 1.0, high: 100.0 };
+        let companion = Companion { name: "place".into(), title: "place".into(), prior };
+        let group = Candidate { companions: vec![companion], ..candidate("tip_mass_kg") };
+        let candidates = vec![group, candidate("linear_drag_n_s_m2")];
+        let unknowns = candidates.iter().fold(Unknowns::of(&model, 1), |u, c| u.with(c));
+        let residuals = DVector::zeros(jacobian.nrows());
+        let fit = Fit { point: vec![0.5; unknowns.columns()], cost: 0.0, residuals, jacobian, tracks: Vec::new() };
+        Hypothesis {
+            candidates,
+            unknowns,
+            episodes: None,
+            correction: FidelityCorrection::Untried,
+            fit,
+            evidence: Evidence { alone: 0.0, with: Vec::new() },
+            effort: Effort::Fitted,
+            spread: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn each_number_of_a_group_has_an_interval_within_its_prior() {
+        // Columns: two parameters, the companion, both effects.
+        let mut jacobian: DMatrix<f64> = 100.0 * DMatrix::identity(5, 5);
+        let known = group(jacobian.clone());
+        assert_eq!((known.column(0), known.group_columns(0), known.group_columns(1)), (3, vec![2, 3], vec![4]));
+        let [mass, drag] = known.magnitudes().try_into().unwrap();
+        assert!(drag.companions.is_empty() && mass.companions.len() == 1);
+        // The coordinate is a half of the logarithm of base 10.
+        let factor = 100f64.powf(INTERVAL_SDS / 10_012f64.sqrt());
+        let place = &mass.companions[0];
+        let off = [(place.value, 10.0), (place.q05, 10.0 / factor), (place.q95, 10.0 * factor)];
+        assert!(off.iter().all(|(got, expected)| (got / expected - 1.0).abs() < 1e-9), "{place:?}");
+        jacobian[(2, 2)] = 0.0;
+        let unknown = group(jacobian).magnitudes().remove(0).companions.remove(0);
+        assert!(unknown.q05 >= 1.0 && unknown.q95 <= 100.0 && unknown.q95 / unknown.q05 > 50.0, "{unknown:?}");
+    }
+
+    #[test]
+    fn a_companion_that_goes_with_its_effect_is_no_trading_pair() {
+        let mut jacobian: DMatrix<f64> = 100.0 * DMatrix::identity(5, 5);
+        (jacobian[(3, 2)], jacobian[(2, 2)]) = (1000.0, 1.0);
+        let one = group(jacobian.clone());
+        assert!(one.trading_pairs(0.9).is_empty());
+        (jacobian[(4, 3)], jacobian[(4, 4)], jacobian[(3, 2)], jacobian[(3, 3)]) = (1000.0, 1000.0, 0.0, 1.0);
+        assert_eq!(group(jacobian).trading_pairs(0.9), [(0, 1)]);
     }
 
     #[test]

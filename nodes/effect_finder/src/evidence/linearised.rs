@@ -6,7 +6,7 @@ use crate::error::FinderError;
 use nalgebra::DMatrix;
 use std::sync::Arc;
 use track_fit::data::{Candidate, MeasuredEpisode, Unknowns};
-use track_fit::fitting::{FidelityCorrection, Fit, LinearisedStart, OnRound, Problem, Start};
+use track_fit::fitting::{FidelityCorrection, Fit, Known, LinearisedStart, OnRound, Problem, Start};
 
 /// Starts from which a candidate model is fitted: the best of all linearised ones.
 const STARTS: usize = 2;
@@ -31,8 +31,8 @@ impl Hypothesis {
         LinearisedModel { candidates, predicted_cost: f64::INFINITY, unknowns, episodes, seen: Vec::new() }
     }
 
-    /// Linearises this model with `candidate` added, at the candidate's base and at its starting values. Derivatives by
-    /// the other unknowns are taken from this model's fit.
+    /// Linearises this model with `candidate` added, at the candidate's base and at its starting values, each with all settings
+    /// of its companions. Derivatives by the other unknowns are taken from this model's fit.
     ///
     /// # Errors
     /// [`FinderError::NoFit`] if the effect has nothing to act on in this model, or changes nothing in these data. An
@@ -45,17 +45,20 @@ impl Hypothesis {
     ) -> Result<LinearisedModel, FinderError> {
         let trial = self.extended_by(candidate);
         let (with, unknowns) = (trial.problem(problem), &trial.unknowns);
-        let column = unknowns.columns() - 1;
+        let (column, companions) = (unknowns.columns() - 1, unknowns.companions_of(&candidate.name));
         let search = candidate.search();
-        let from = |value: f64| {
+        let settings = candidate.settings();
+        let from = |(value, setting): (f64, &Vec<f64>)| {
             let mut point = unknowns.point_from(&self.unknowns, &self.fit.point);
             point[column] = search.to_unit(value).clamp(0.0, 1.0);
+            companions.iter().zip(setting).for_each(|(column, u)| point[*column] = *u);
             Start { point, tracks: problem.measured() }
         };
         // At the base the model is the present one: its derivative there shows small effects.
-        let starts: Vec<Start> = std::iter::once(candidate.base).chain(candidate.starts()).map(from).collect();
-        let seen: Vec<LinearisedStart> =
-            with.linearise_last(starts, &self.fit.jacobian, on_round)?.into_iter().flatten().collect();
+        let values = std::iter::once(candidate.base).chain(candidate.starts());
+        let starts = values.flat_map(|value| settings.iter().map(move |setting| (value, setting))).map(from).collect();
+        let known = Known { unknowns: &self.unknowns, jacobian: &self.fit.jacobian };
+        let seen: Vec<LinearisedStart> = with.linearise_new(starts, known, on_round)?.into_iter().flatten().collect();
         if changes_nothing(&seen) {
             return Err(FinderError::NoFit(format!("{} changes nothing that was measured", candidate.title)));
         }
@@ -166,7 +169,15 @@ mod tests {
 
     fn candidate(name: &str) -> Candidate {
         let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-        Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+        Candidate {
+            name: name.into(),
+            title: name.into(),
+            prior,
+            range: [0.0, 1.0],
+            base: 0.0,
+            odds: 1.0,
+            companions: Vec::new(),
+        }
     }
 
     #[test]

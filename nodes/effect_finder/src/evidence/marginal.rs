@@ -3,13 +3,18 @@
 //! The profile cost (the cost with all other unknowns at their best) is quadratic in the magnitudes of the effects. Its
 //! likelihood is integrated over the priors of the magnitudes by quadrature. The posterior volume of the other unknowns
 //! is about the same with and without the effects, and cancels. It differs between discrepancies, and is counted there.
+//!
+//! The companions of an effect are unknowns that the model without it lacks, so that their posterior volume does not cancel: at
+//! each magnitude it counts as a share of their prior volume.
 
 use super::discrepancy::{Discrepancy, Whitening};
 use catenary_core::Prior;
 use catenary_core::mixture::log_sum_exp;
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::TAU;
+use std::ops::Range;
 use track_fit::data::{Candidate, MeasuredEpisode};
-use track_fit::fitting::{Fit, Laplace, is_bound_active};
+use track_fit::fitting::{Fit, Laplace, PRIOR_PRECISION, is_bound_active};
 
 /// Quadrature nodes over each magnitude at quantiles of its prior, and as many around its best value, for one, two, and
 /// three or more magnitudes. The cost grows with the power of the number of magnitudes; a test compares with closed
@@ -25,14 +30,27 @@ pub struct Quadratic {
     cost: f64,
     slope: DVector<f64>,
     precision: DMatrix<f64>,
+    /// Log of the posterior volume of the companions with the coordinates fixed, as a share of their prior volume.
+    log_volume: f64,
+}
+
+/// Columns of the companions of `candidates`, which precede the candidates in a fit of `columns` columns.
+pub(super) fn companions_of(candidates: &[Candidate], columns: usize) -> Range<usize> {
+    let to = columns - candidates.len();
+    to - candidates.iter().map(|c| c.companions.len()).sum::<usize>()..to
 }
 
 impl Quadratic {
-    /// Profile cost of the last `count` coordinates of a fit; none if the Gauss-Newton matrix is not positive definite.
-    pub fn of(fit: &Fit, count: usize) -> Option<Self> {
-        let first = fit.point.len() - count;
+    /// Profile cost of the candidates' magnitudes, the last coordinates of a fit; none if the Gauss-Newton matrix is not
+    /// positive definite. Companions stay within about the width of their priors.
+    pub fn of(fit: &Fit, candidates: &[Candidate]) -> Option<Self> {
+        let (columns, count) = (fit.point.len(), candidates.len());
+        let first = columns - count;
+        let companions = companions_of(candidates, columns);
+        let likelihood = Laplace::of_likelihood(fit, companions.clone())?;
+        let log_volume = log_volume(&likelihood, companions, columns)?;
         // The slope vanishes at an inner minimum; only at an active bound does the cost fall beyond the best fit.
-        let covariance = Laplace::of_likelihood(fit)?.covariance(first..fit.point.len());
+        let covariance = likelihood.covariance(first..columns);
         let gradient = fit.gradient();
         let slope = |i: usize| {
             if is_bound_active(fit.point[first + i], gradient[first + i]) { gradient[first + i] } else { 0.0 }
@@ -42,6 +60,7 @@ impl Quadratic {
             cost: fit.cost,
             slope: DVector::from_fn(count, |i, _| slope(i)),
             precision: covariance.cholesky()?.inverse(),
+            log_volume,
         })
     }
 
@@ -59,6 +78,7 @@ impl Quadratic {
             cost: self.cost + 2.0 * self.slope[0] * d + self.precision[(0, 0)] * d * d,
             slope: self.slope.rows(1, rest) + d * self.precision.view((1, 0), (rest, 1)).column(0),
             precision: self.precision.view((1, 1), (rest, rest)).into_owned(),
+            log_volume: self.log_volume,
         }
     }
 
@@ -71,10 +91,25 @@ impl Quadratic {
     }
 }
 
-/// Log Bayes factor of the model with `candidates`: the log integral of prior times likelihood over their magnitudes,
-/// less the log likelihood at a cost of `base`. The coordinates of `cost` are in the order of `candidates`.
+/// Log of the Gaussian volume of the `companions` of a `likelihood` with all later columns fixed and all others free, as a share
+/// of the volume of their priors, the unit cube. No direction counts as longer than the cube. Zero without companions.
+fn log_volume(likelihood: &Laplace, companions: Range<usize>, columns: usize) -> Option<f64> {
+    if companions.is_empty() {
+        return Some(0.0);
+    }
+    let count = companions.len();
+    let joint = likelihood.covariance(companions.start..columns).cholesky()?.inverse();
+    let mut own = joint.view((0, 0), (count, count)).into_owned();
+    // The likelihood alone, without the priors that keep the profile within them.
+    (0..count).for_each(|i| own[(i, i)] -= PRIOR_PRECISION);
+    let log_length = |precision: &f64| (0.5 * (TAU / precision).ln()).min(0.0);
+    Some(own.symmetric_eigenvalues().iter().filter(|precision| **precision > 0.0).map(log_length).sum())
+}
+
+/// Log Bayes factor of the model with `candidates`: the log integral of prior times likelihood over their magnitudes and
+/// companions, less the log likelihood at a cost of `base`. The coordinates of `cost` are in the order of `candidates`.
 pub fn log_bayes_factor(candidates: &[Candidate], cost: &Quadratic, base: f64) -> f64 {
-    integral(candidates, cost, base, NODES[candidates.len().clamp(1, NODES.len()) - 1])
+    cost.log_volume + integral(candidates, cost, base, NODES[candidates.len().clamp(1, NODES.len()) - 1])
 }
 
 fn integral(candidates: &[Candidate], cost: &Quadratic, base: f64, nodes: usize) -> f64 {
@@ -180,8 +215,7 @@ impl Baseline {
 
     /// Evidence of the model with `candidates`, the last coordinates of its best fit.
     pub fn of(&self, candidates: &[Candidate], fit: &Fit) -> Option<Evidence> {
-        let factor =
-            |fit: &Fit, base: f64| Some(log_bayes_factor(candidates, &Quadratic::of(fit, candidates.len())?, base));
+        let factor = |fit: &Fit, base: f64| Some(log_bayes_factor(candidates, &Quadratic::of(fit, candidates)?, base));
         let alone = factor(fit, self.costs.0)?;
         let mut with = Vec::new();
         for ((whitening, cost), base) in self.whitenings.iter().zip(&self.costs.1).zip(&self.evidence.with) {
@@ -205,7 +239,7 @@ mod tests {
 
     fn candidate(prior: Prior) -> Candidate {
         let range = [if prior.bounds().0 < 0.0 { -10.0 } else { 0.0 }, 10.0];
-        Candidate { name: "x".into(), title: "x".into(), prior, range, base: 0.0, odds: 1.0 }
+        Candidate { name: "x".into(), title: "x".into(), prior, range, base: 0.0, odds: 1.0, companions: Vec::new() }
     }
 
     fn parabola(at: f64, cost: f64, slope: f64, sd: f64) -> Quadratic {
@@ -214,6 +248,7 @@ mod tests {
             cost,
             slope: DVector::from_element(1, slope),
             precision: DMatrix::from_element(1, 1, sd.powi(-2)),
+            log_volume: 0.0,
         }
     }
 
@@ -238,11 +273,57 @@ mod tests {
             cost: 100.0,
             slope: DVector::zeros(2),
             precision: covariance.clone().try_inverse().unwrap(),
+            log_volume: 0.0,
         };
         let area_of_peak = 2.0 * std::f64::consts::PI * covariance.determinant().sqrt() * 36.0;
         let expected = 0.5 * (140.0 - 100.0) + (area_of_peak / 4.0).ln();
         let got = log_bayes_factor(&[c.clone(), c], &cost, 140.0);
         assert!((got - expected).abs() < 2e-3, "{got} for {expected}");
+    }
+
+    /// Fit of one companion and one magnitude, after an unknown of the model, to data with these standard deviations of
+    /// independent sums of both.
+    fn group_fit(known: [f64; 2], correlation: f64) -> (Candidate, Fit) {
+        let companion = track_fit::data::Companion {
+            name: "place".into(),
+            title: "place".into(),
+            prior: Prior::LogUniform { low: 1.0, high: 100.0 },
+        };
+        let flat = candidate(Prior::Uniform { low: -1.0, high: 1.0 });
+        let group = Candidate { companions: vec![companion], ..flat };
+        let mut jacobian = DMatrix::zeros(3, 3);
+        (jacobian[(0, 0)], jacobian[(1, 1)], jacobian[(2, 2)]) = (100.0, known[0], known[1]);
+        jacobian[(1, 2)] = correlation * known[1];
+        let point = vec![0.5, 0.4, group.search().to_unit(0.4)];
+        let fit = Fit { point, cost: 100.0, residuals: DVector::zeros(3), jacobian, tracks: Vec::new() };
+        (group, fit)
+    }
+
+    /// A companion that the data determine costs sqrt(2 pi) times its standard deviation in the prior's coordinates, and one
+    /// that they do not determine costs nothing.
+    #[test]
+    fn companions_cost_the_share_of_their_prior_that_the_data_leave() {
+        let factor = |known: f64, correlation: f64| {
+            let (group, fit) = group_fit([known, 500.0], correlation);
+            log_bayes_factor(&[group.clone()], &Quadratic::of(&fit, &[group]).unwrap(), 140.0)
+        };
+        // The search range of the magnitude is 6 wide, and the prior 2.
+        let alone = 0.5 * 40.0 + (TAU.sqrt() / 500.0 * 6.0 / 2.0).ln();
+        assert!((factor(0.0, 0.0) - alone).abs() < 1e-3, "{} for {alone}", factor(0.0, 0.0));
+        let known = alone + (TAU.sqrt() / 200.0).ln();
+        assert!((factor(200.0, 0.0) - known).abs() < 1e-3, "{} for {known}", factor(200.0, 0.0));
+        // The volume is that at each magnitude, wherever the companion lies there.
+        let correlated = factor(200.0, 1.5);
+        assert!((correlated - known).abs() < 1e-2, "{correlated} for {known}");
+    }
+
+    #[test]
+    fn an_undetermined_companion_widens_a_magnitude_by_its_prior_alone() {
+        let (group, mut fit) = group_fit([0.0, 500.0], 0.0);
+        // The data determine the sum of both coordinates.
+        fit.jacobian[(2, 1)] = 500.0;
+        let sd = Quadratic::of(&fit, &[group]).unwrap().sd(0);
+        assert!((sd - 12f64.sqrt().recip()).abs() < 1e-2, "{sd}");
     }
 
     #[test]

@@ -209,20 +209,26 @@ fn single_swap(best: &Hypothesis, other: &Hypothesis) -> Option<(usize, usize)> 
 fn cosines(problem: &Problem<'_>, hypotheses: &[Hypothesis]) -> Result<Vec<f64>, FinderError> {
     let Some(best) = hypotheses.first() else { return Ok(Vec::new()) };
     let swaps: Vec<Option<(usize, usize)>> = hypotheses.iter().map(|h| single_swap(best, h)).collect();
-    // Column order: the best model's unknowns, then the replacement effect of each other model.
+    // Column order: the best model's unknowns but for its effects, the companions of the replacement effect of each other model,
+    // the best model's effects, then the replacement effects.
     let mut unknowns = best.unknowns.clone();
     let mut others = Vec::new();
     for (h, swap) in hypotheses.iter().zip(&swaps) {
         if let Some((_, j)) = swap {
             unknowns = unknowns.with(&h.candidates[*j]);
-            others.push(&h.candidates[*j]);
+            others.push((h, *j));
         }
     }
     let mut point = unknowns.point_from(&best.unknowns, &best.fit.point);
     let first = unknowns.columns() - others.len();
-    for (i, other) in others.iter().enumerate() {
-        // At its base a replacement changes nothing yet; its derivative there is compared.
+    for (i, (h, j)) in others.iter().enumerate() {
+        let other = &h.candidates[*j];
+        // At its base a replacement changes nothing yet; its derivative there is compared, with its own companions.
         point[first + i] = other.search().to_unit(other.base).clamp(0.0, 1.0);
+        for (column, own) in unknowns.companions_of(&other.name).into_iter().zip(h.unknowns.companions_of(&other.name))
+        {
+            point[column] = h.fit.point[own];
+        }
     }
     let all = Problem { unknowns, ..*problem };
     let start = Start { point, tracks: problem.measured() };
@@ -237,8 +243,10 @@ fn cosines(problem: &Problem<'_>, hypotheses: &[Hypothesis]) -> Result<Vec<f64>,
     let mut next = first;
     let mut of = |(place, swap): (usize, &Option<(usize, usize)>)| {
         let Some((i, _)) = swap else { return if place == 0 { 1.0 } else { 0.0 } };
-        let own = best.column(*i);
-        let rest: Vec<usize> = (0..first).filter(|&c| c != own).collect();
+        let own = first - best.candidates.len() + i;
+        // The companions of the effect change the data with it, not beside it.
+        let companions = all.unknowns.companions_of(&best.candidates[*i].name);
+        let rest: Vec<usize> = (0..first).filter(|c| *c != own && !companions.contains(c)).collect();
         let span = jacobian.select_columns(&rest);
         let [a, b] = [own, next].map(|c| orthogonal_component(&span, &jacobian.column(c).into_owned()));
         next += 1;

@@ -9,7 +9,7 @@ use catenary_core::model::{DriveKind, Lacking};
 use catenary_core::spelling::did_you_mean;
 use catenary_msgs::action::{FindEffectsFeedback, FindEffectsResult};
 use catenary_simulator::Registry;
-use catenary_simulator::effects::{About, Effect, Hook, TEMPLATE_FREQUENCY, TEMPLATE_PLACE};
+use catenary_simulator::effects::{About, Effect, Hook, TEMPLATE_FREQUENCY, TEMPLATE_PLACE, replaced};
 use track_fit::data::Candidate;
 
 /// Candidates for `model`: the effects of `registry` that it could lack, without the vetoed ones, with their prior
@@ -23,24 +23,41 @@ pub fn candidates(registry: &Registry, model: &Model) -> Result<Vec<Candidate>, 
     let named = vetoes.iter().map(|name| ("vetoes", name)).chain(prior_odds.keys().map(|name| ("prior_odds", name)));
     for (field, name) in named {
         if registry.find(name).is_none() {
-            let hint = did_you_mean(name, known.iter().copied());
+            let similar = || did_you_mean(name, known.iter().copied());
+            let hint = replaced(name).map_or_else(similar, |(_, by)| format!("; it is no more: expected {by}"));
             return Err(FinderError::UnknownEffect { field, name: name.clone(), known: known.join(", "), hint });
         }
     }
-    let is_open = |about: &About| Candidate::is_open(about.name, model) && vetoes.iter().all(|v| v != about.name);
-    // An effect of several numbers is no candidate of one.
-    let is_one_number = |e: &&dyn Effect| e.companions().is_empty() && !registry.is_companion(e.about().name);
-    let concerned = registry.effects().filter(|e| e.concerns(model));
-    let open = concerned.filter(is_one_number).map(|e| e.about()).filter(is_open);
-    let candidate = |about: About| Candidate {
+    let is_open = |name: &str| Candidate::is_open(name, model) && vetoes.iter().all(|v| v != name);
+    // A companion is no effect by itself.
+    let is_offered = |e: &&dyn Effect| e.concerns(model) && is_open(e.about().name) && !registry.is_companion(e.about().name);
+    let candidate = |effect: &dyn Effect| {
+        let about = effect.about();
+        let base = model.parameters.get(about.name).copied().unwrap_or(0.0);
+        Candidate {
+            name: about.name.to_owned(),
+            title: about.title.to_owned(),
+            prior: about.prior,
+            range: about.range,
+            base,
+            odds: prior_odds.get(about.name).copied().unwrap_or(1.0),
+            // An effect that the model has fixed keeps the companions that it has there.
+            companions: if base == 0.0 { companions(registry, effect, model) } else { Vec::new() },
+        }
+    };
+    Ok(registry.effects().filter(is_offered).map(candidate).collect())
+}
+
+/// Companions of an effect that `model` leaves open.
+fn companions(registry: &Registry, effect: &dyn Effect, model: &Model) -> Vec<track_fit::data::Companion> {
+    let abouts = effect.companions().iter().filter_map(|name| Some(registry.find(name)?.about()));
+    let is_open = |about: &About| Candidate::is_open(about.name, model) && !model.parameters.contains_key(about.name);
+    let companion = |about: About| track_fit::data::Companion {
         name: about.name.to_owned(),
         title: about.title.to_owned(),
         prior: about.prior,
-        range: about.range,
-        base: model.parameters.get(about.name).copied().unwrap_or(0.0),
-        odds: prior_odds.get(about.name).copied().unwrap_or(1.0),
     };
-    Ok(open.map(candidate).collect())
+    abouts.filter(is_open).map(companion).collect()
 }
 
 /// Templates of `registry` that can act in `model`, and the effects of the library that it could lack. An arm does not act on a grip that follows a measured path.
@@ -66,9 +83,9 @@ pub fn templates(registry: &Registry, model: &Model) -> Vec<Template> {
     let acts = |hook: &str| hook != Hook::Actuation.name() || model.observation.drive != DriveKind::Grip;
     let templates = registry.templates().map(|effect| template(false, effect));
     let is_open = |name: &str| Candidate::is_open(name, model);
-    let library = Registry::shipped();
-    let is_offered = |name: &str| is_open(name) && !library.is_companion(name);
-    let known = library.effects().filter(|e| e.concerns(model) && is_offered(e.about().name)).map(|effect| template(true, effect));
+    let is_known = |name: &str| is_open(name) && !registry.is_companion(name);
+    let known = Registry::shipped().effects().filter(|e| e.concerns(model) && is_known(e.about().name));
+    let known = known.map(|effect| template(true, effect));
     templates.chain(known).filter(|template| acts(&template.hook)).collect()
 }
 

@@ -219,7 +219,15 @@ mod tests {
         let u = problem.unknowns.list().iter().zip(TRUTH).map(|(unknown, value)| unknown.prior.to_unit(value));
         let prior = Prior::LogUniform { low: 1e-3, high: 0.3 };
         let name = "tip_mass_kg".to_owned();
-        let candidate = Candidate { title: name.clone(), name, prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 };
+        let candidate = Candidate {
+            title: name.clone(),
+            name,
+            prior,
+            range: [0.0, 1.0],
+            base: 0.0,
+            odds: 1.0,
+            companions: Vec::new(),
+        };
         detectable_size(&problem, &u.collect::<Vec<_>>(), &candidate).unwrap()
     }
 
@@ -265,6 +273,7 @@ mod tests {
             range: [0.0, high],
             base: 0.0,
             odds: 1.0,
+            companions: Vec::new(),
         };
         let mass = Candidate { prior, range: [0.0, 1.0], ..named("tip_mass_kg", 1.0) };
         let candidates = [mass, named("tip_mass_kg", 1e-6)];

@@ -2,7 +2,7 @@
 
 use crate::evidence::Hypothesis;
 use catenary_core::{Model, ModelError, Parameter, ParameterSpace, Prior};
-use track_fit::data::{Candidate, Scope};
+use track_fit::data::{Candidate, Companion, Scope};
 use track_fit::fitting::Laplace;
 
 /// Posterior standard deviation, relative to the width of the prior, above which data add nothing to the prior. A
@@ -11,7 +11,7 @@ const MOST_SHARE: f64 = 0.2;
 /// Least reach of the repaired model's prior around the value found, in standard deviations.
 const MARGIN: f64 = 4.0;
 
-/// Repaired model: `model` with the effects among its inferred parameters. The posterior becomes the new prior, a
+/// Repaired model: `model` with the effects, each followed by its companions, among its inferred parameters. The posterior becomes the new prior, a
 /// Gaussian within the old bounds, for each parameter that the data determine. The spread of an effect between
 /// conditions counts. Values that the model had fixed for the effects are removed.
 ///
@@ -22,6 +22,8 @@ pub fn repaired(model: &Model, found: &Hypothesis, posterior: &Laplace) -> Resul
     for (place, candidate) in found.candidates.iter().enumerate() {
         let (value, sd) = found.magnitude(place);
         parameters.push(Parameter { name: candidate.name.clone(), prior: prior(candidate, value, sd) });
+        let companion = |c: &Companion| Parameter { name: c.name.clone(), prior: c.prior.clone() };
+        parameters.extend(candidate.companions.iter().map(companion));
     }
     let shared = found.unknowns.list().iter().enumerate().filter(|(_, u)| u.scope == Scope::Shared);
     for (i, unknown) in shared {
@@ -65,6 +67,7 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
     use track_fit::data::Unknowns;
     use track_fit::fitting::{FidelityCorrection, Fit};
+    use track_fit::toy;
 
     fn model() -> Model {
         Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
@@ -80,6 +83,7 @@ mod tests {
             range: [-10.0, 10.0],
             base: 0.0,
             odds: 1.0,
+            companions: Vec::new(),
         };
         let mut model = model();
         let unknowns = Unknowns::of(&model, 1).with(&candidate);
@@ -129,6 +133,41 @@ mod tests {
     }
 
     #[test]
+    fn companions_are_written_with_their_effect_and_have_the_posterior_as_their_prior() {
+        let own = Prior::LogUniform { low: 1.0, high: 100.0 };
+        let companion = |name: &str| Companion { name: name.into(), title: String::new(), prior: own.clone() };
+        let mass = toy::candidate("tip_mass_kg");
+        let group = Candidate { companions: ["place", "rate"].map(companion).into(), ..mass };
+        let model = toy::model();
+        let unknowns = Unknowns::of(&model, 1).with(&group);
+        // The first companion is known well, the second not at all.
+        let mut jacobian: DMatrix<f64> = 100.0 * DMatrix::identity(5, 5);
+        jacobian[(3, 3)] = 0.0;
+        let fit = Fit { point: vec![0.5; 5], cost: 0.0, residuals: DVector::zeros(5), jacobian, tracks: Vec::new() };
+        let posterior = Laplace::of(&fit).unwrap();
+        let found = Hypothesis {
+            candidates: vec![group],
+            unknowns,
+            episodes: None,
+            correction: FidelityCorrection::Untried,
+            fit,
+            evidence: Evidence { alone: 0.0, with: Vec::new() },
+            effort: Effort::Searched,
+            spread: Vec::new(),
+        };
+        let repaired = repaired(&model, &found, &posterior).unwrap();
+        let [_, _, mass, place, rate] = repaired.theta.parameters() else { panic!("{:?}", repaired.theta) };
+        assert_eq!([&mass.name, &place.name, &rate.name], ["tip_mass_kg", "place", "rate"]);
+        assert_eq!(rate.prior, own);
+        let Prior::Normal { mean, sd, low, high } = place.prior else { panic!("{place:?}") };
+        let expected = 10.0 * 100f64.ln() / 10_012f64.sqrt();
+        assert!(
+            (mean - 10.0).abs() < 1e-9 && (sd / expected - 1.0).abs() < 1e-9 && (low, high) == (1.0, 100.0),
+            "{sd}"
+        );
+    }
+
+    #[test]
     fn a_positive_effect_keeps_its_log_uniform_prior() {
         let own = Prior::LogUniform { low: 1e-3, high: 0.3 };
         let drag = Candidate {
@@ -138,6 +177,7 @@ mod tests {
             range: [0.0, 1e3],
             base: 0.0,
             odds: 1.0,
+            companions: Vec::new(),
         };
         let of = |value, sd| prior(&drag, value, sd);
         assert_eq!(of(0.05, 0.01), own);

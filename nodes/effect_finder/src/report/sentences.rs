@@ -9,7 +9,7 @@ use super::missing::{Missing, part_in_words};
 use super::separation::Separation;
 use super::trade_off::TradeOff;
 use super::verification::Verification;
-use crate::evidence::{Hypothesis, Magnitude, Ranking, Test};
+use crate::evidence::{CompanionValue, Hypothesis, Magnitude, Ranking, Test};
 use crate::settings::Settings;
 use catenary_core::Fidelity;
 use catenary_core::statistics::p_clause;
@@ -117,11 +117,19 @@ pub fn located(places: &[Localisation], level: f64, names: &[&str]) -> String {
     if words.is_empty() { "the disagreement is spread over all times and keypoints".into() } else { words.join("; ") }
 }
 
+/// Companion of an effect after the effect's own size: ", strand_slip_turn_rad 0.17 (0.12 to 0.25)".
+fn companion(of: &CompanionValue) -> String {
+    format!(", {} {} ({} to {})", of.name, short(of.value), short(of.q05), short(of.q95))
+}
+
 /// Ranking of the explanations.
 pub fn named(ranking: &Ranking, settings: &Settings) -> String {
     let words = |h: &Hypothesis| {
         let explanation = ranking.hypotheses.iter().zip(&ranking.explanations).find(|(o, _)| o.is_same(&h.candidates));
-        let effect = |e: &Magnitude| format!("{} ({} {} +- {})", e.title, e.name, short(e.value), short(e.sd));
+        let effect = |e: &Magnitude| {
+            let companions: String = e.companions.iter().map(companion).collect();
+            format!("{} ({} {} +- {}{companions})", e.title, e.name, short(e.value), short(e.sd))
+        };
         explanation.map_or(String::new(), |(_, e)| {
             let effects: Vec<String> = e.effects.iter().map(effect).collect();
             let probability = e.probability + e.probability_in_part;
@@ -160,7 +168,10 @@ pub fn repaired(hypothesis: &Hypothesis, present: &Fitness, fitness: &Fitness, i
 /// Sizes of effects that leave a residual: by the fitted episodes, by the validation episodes alone, and by both.
 pub fn weighed(own: &[Magnitude], elsewhere: Option<&[f64]>, both: &[Magnitude]) -> String {
     let effects = |list: &[Magnitude]| -> String {
-        let effect = |e: &Magnitude| format!("{} {} +- {}", e.name, short(e.value), short(e.sd));
+        let effect = |e: &Magnitude| {
+            let companions: String = e.companions.iter().map(companion).collect();
+            format!("{} {} +- {}{companions}", e.name, short(e.value), short(e.sd))
+        };
         list.iter().map(effect).collect::<Vec<_>>().join(", ")
     };
     let words = format!("with the residual counted as a discrepancy: {}", effects(own));

@@ -70,8 +70,11 @@ pub fn trade_offs(found: &Hypothesis) -> Vec<TradeOff> {
     let Some(posterior) = Laplace::of(&found.fit) else { return Vec::new() };
     let correlations = posterior.correlations(0..found.unknowns.columns());
     let list = found.unknowns.list();
-    let effects = list.len() - found.candidates.len()..list.len();
-    let others = |effect: usize| (0..effect).filter(|i| list[*i].scope == Scope::Shared).map(move |i| (effect, i));
+    // The numbers of an effect belong together, so that they trade off with others alone.
+    let group = |i: usize| list[i].companion_of.as_deref().or(list[i].candidate.as_ref().map(|c| c.name.as_str()));
+    let effects = (0..list.len()).filter(|i| group(*i).is_some());
+    let is_other = |effect: usize, i: usize| list[i].scope == Scope::Shared && group(i) != group(effect);
+    let others = |effect: usize| (0..effect).filter(move |i| is_other(effect, *i)).map(move |i| (effect, i));
     let mut all: Vec<TradeOff> = effects
         .flat_map(others)
         .map(|(effect, other)| {
@@ -131,8 +134,9 @@ mod tests {
     use crate::evidence::{Effort, Evidence};
     use catenary_core::{Model, Prior};
     use nalgebra::{DMatrix, DVector};
-    use track_fit::data::{Candidate, Unknowns};
+    use track_fit::data::{Candidate, Companion, Unknowns};
     use track_fit::fitting::{FidelityCorrection, Fit};
+    use track_fit::toy;
 
     /// Model with two effects. The first changes the data like `alike` times the stiffness and the episode's own
     /// unknown.
@@ -146,6 +150,7 @@ mod tests {
             range: [-1.0, 1.0],
             base: 0.0,
             odds: 1.0,
+            companions: Vec::new(),
         };
         let candidates = ["tip_mass_kg", "table_height_m"].map(candidate).to_vec();
         let unknowns = candidates.iter().fold(Unknowns::of(&model, 1), |u, c| u.with(c));
@@ -172,6 +177,31 @@ mod tests {
             "conditions that differ are no doubt about these data"
         );
         assert_eq!(trade_offs(&found(1.0, Vec::new())), []);
+    }
+
+    /// A companion trades off with unknowns outside its group, and not within it.
+    #[test]
+    fn the_numbers_of_a_group_trade_off_with_others_alone() {
+        let plain = found(0.0, Vec::new());
+        let companion =
+            Companion { name: "place".into(), title: String::new(), prior: Prior::Uniform { low: 0.0, high: 1.0 } };
+        let mut candidates = plain.candidates.clone();
+        candidates[0].companions = vec![companion];
+        let unknowns = candidates.iter().fold(Unknowns::of(&toy::model(), 1), |u, c| u.with(c));
+        let names = ["length_m", "youngs_modulus_pa", "place", "tip_mass_kg", "table_height_m"];
+        assert_eq!(unknowns.names(), names);
+        let between = |one: usize, other: usize| {
+            let mut jacobian: DMatrix<f64> = 300.0 * DMatrix::identity(5, 5);
+            jacobian[(one, other)] = 3000.0;
+            let fit =
+                Fit { point: vec![0.5; 5], cost: 0.0, residuals: DVector::zeros(5), jacobian, tracks: Vec::new() };
+            let (unknowns, candidates) = (unknowns.clone(), candidates.clone());
+            let all = trade_offs(&Hypothesis { unknowns, candidates, fit, ..found(0.0, Vec::new()) });
+            all.into_iter().map(|t| t.between).collect::<Vec<_>>()
+        };
+        assert_eq!(between(2, 3), [[""; 2]; 0]);
+        assert_eq!(between(2, 1), [["place", "youngs_modulus_pa"]]);
+        assert_eq!(between(2, 4), [["table_height_m", "place"]]);
     }
 
     /// Model whose data determine only the sum of the coordinates of its two parameters, the second times `weight`.

@@ -208,7 +208,15 @@ mod tests {
 
     fn candidate(name: &str) -> Candidate {
         let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-        Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 1.0], base: 0.0, odds: 1.0 }
+        Candidate {
+            name: name.into(),
+            title: name.into(),
+            prior,
+            range: [0.0, 1.0],
+            base: 0.0,
+            odds: 1.0,
+            companions: Vec::new(),
+        }
     }
 
     fn settings() -> Settings {

@@ -114,7 +114,8 @@ impl<'a> Search<'a> {
         let (problem, settings) = (self.problem, self.settings);
         let mut rng = seed::rng(settings.seed, ELSEWHERE_STREAM);
         self.linearise_each(|candidate, on_round| {
-            let mut draw = |_| (0..=uncorrected.unknowns.columns()).map(|_| rng.random()).collect();
+            let columns = uncorrected.unknowns.columns() + candidate.companions.len() + 1;
+            let mut draw = |_| (0..columns).map(|_| rng.random()).collect();
             let draws: Vec<Vec<f64>> = (0..settings.draws.div_ceil(ELSEWHERE)).map(&mut draw).collect();
             uncorrected.extended_by(candidate).at_draws(problem, &draws, on_round)
         })

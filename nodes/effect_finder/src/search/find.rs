@@ -315,6 +315,7 @@ mod tests {
             range: [0.0, most],
             base: 0.0,
             odds: 1.0,
+            companions: Vec::new(),
         };
         let candidates = [candidate(MASS, 0.02, 0.03), candidate(DRAG, expected, most)];
         let theta = [0.25, 2e4];

@@ -145,7 +145,7 @@ impl<'a> Group<'a> {
     pub fn as_candidates(&self) -> Vec<Candidate> {
         let effect = |name: &str, prior, range| {
             let (name, title) = (name.to_owned(), name.to_owned());
-            Candidate { name, title, prior, range, base: 0.0, odds: 1.0 }
+            Candidate { name, title, prior, range, base: 0.0, odds: 1.0, companions: Vec::new() }
         };
         let template = |template: &&Template| {
             let low = template.range[0].max(-template.most);

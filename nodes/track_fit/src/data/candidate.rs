@@ -9,6 +9,21 @@ const ROOM: f64 = 3.0;
 /// Relative tolerance, in lengths of the range, within which two ends of ranges count as equal.
 const ROUNDING: f64 = 1e-9;
 
+/// Quantile of a companion's prior to either side of its median, for starts of a fit.
+// The quantiles 15 and 85 % lie about a standard deviation to either side of the middle.
+const SIDES: [f64; 2] = [0.15, 0.85];
+
+/// Further number of an effect: where, how fast or from which size on it acts. It does nothing without the effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Companion {
+    /// Name with its unit, as in model files.
+    pub name: String,
+    /// Name in sentences.
+    pub title: String,
+    /// Prior of the number, given that the effect is present. A fit stays within.
+    pub prior: Prior,
+}
+
 /// Effect that the model may lack.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
@@ -24,6 +39,10 @@ pub struct Candidate {
     pub base: f64,
     /// Prior odds against the other candidates; 1 by default.
     pub odds: f64,
+    /// Further numbers, which are unknown as long as the effect is present; empty for an effect of one number. An effect and its
+    /// companions are a group, which is added, judged and named as one.
+    #[serde(default)]
+    pub companions: Vec<Companion>,
 }
 
 impl Candidate {
@@ -94,9 +113,23 @@ impl Candidate {
     /// Values at which a fit starts: two quantiles of the prior for each sign.
     pub fn starts(&self) -> Vec<f64> {
         let [least, greatest] = self.range;
-        // The quantiles 15 and 85 % lie about a standard deviation to either side of the middle.
-        let at = |sign: &f64| [0.15, 0.85].map(|u| (self.base + sign * self.prior.from_unit(u)).clamp(least, greatest));
+        let at = |sign: &f64| SIDES.map(|u| (self.base + sign * self.prior.from_unit(u)).clamp(least, greatest));
         self.signs().iter().flat_map(at).collect()
+    }
+
+    /// Settings of the companions at which a fit starts, as quantiles of their priors: all at the median, then each at two
+    /// quantiles beside it. A single setting without companions.
+    ///
+    /// An absent effect does not depend on its companions, so that no derivative leads from one setting to another.
+    pub fn settings(&self) -> Vec<Vec<f64>> {
+        let middle = vec![0.5; self.companions.len()];
+        let aside = (0..middle.len()).flat_map(|i| SIDES.map(|u| (i, u)));
+        let moved = aside.map(|(i, u)| {
+            let mut setting = middle.clone();
+            setting[i] = u;
+            setting
+        });
+        std::iter::once(middle.clone()).chain(moved).collect()
     }
 }
 
@@ -113,7 +146,21 @@ mod tests {
             range: [0.0, 1e3],
             base: 0.0,
             odds: 1.0,
+            companions: Vec::new(),
         }
+    }
+
+    #[test]
+    fn a_group_starts_at_several_settings_of_its_companions() {
+        assert_eq!(drag().settings(), [[0.0; 0]]);
+        let companion = |name: &str| Companion {
+            name: name.into(),
+            title: name.into(),
+            prior: Prior::Uniform { low: 0.0, high: 2.0 },
+        };
+        let group = Candidate { companions: ["place", "rate"].map(companion).into(), ..drag() };
+        let expected = [[0.5, 0.5], [0.15, 0.5], [0.85, 0.5], [0.5, 0.15], [0.5, 0.85]];
+        assert_eq!(group.settings(), expected);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Unknowns of a fit and their unit coordinates.
 
-use crate::data::Candidate;
+use crate::data::{Candidate, Companion};
 use catenary_core::{Camera, Model, Prior};
+use std::ops::Range;
 
 /// Scope of an unknown: all episodes, or each by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,6 +27,8 @@ pub struct Unknown {
     pub scope: Scope,
     /// Candidate effect, if the unknown is one; `prior` is then uniform over its search range.
     pub candidate: Option<Candidate>,
+    /// Name of the candidate effect whose companion the unknown is; none if it is no companion.
+    pub companion_of: Option<String>,
 }
 
 /// Half the width of a Gaussian prior's coordinate, in standard deviations.
@@ -40,9 +43,9 @@ impl Unknown {
         match prior {
             Prior::Normal { mean, sd, low, high } => {
                 let prior = Prior::Uniform { low: low.max(mean - REACH * sd), high: high.min(mean + REACH * sd) };
-                Self { name, prior, scope, gaussian: Some([mean, sd]), candidate: None }
+                Self { name, prior, scope, gaussian: Some([mean, sd]), candidate: None, companion_of: None }
             }
-            prior => Self { name, prior, scope, gaussian: None, candidate: None },
+            prior => Self { name, prior, scope, gaussian: None, candidate: None, companion_of: None },
         }
     }
 
@@ -59,7 +62,8 @@ impl Unknown {
     }
 }
 
-/// Unknowns of E episodes: the model's theta, then the unknowns drawn for each episode, then candidates.
+/// Unknowns of E episodes: the model's theta, then the unknowns drawn for each episode, then the companions of all candidates,
+/// and the candidates last.
 ///
 /// A point has one coordinate for each value: one for theta and candidates, E for an unknown drawn for each episode.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,11 +88,18 @@ impl Unknowns {
         Self { list, theta: model.theta.dimension(), episodes }
     }
 
-    /// These unknowns and a candidate. If another unknown has its name, as the camera's jitter may, their values add
-    /// up.
+    /// These unknowns and a candidate with its companions. If another unknown has its name, as the camera's jitter may, their
+    /// values add up.
     #[must_use]
     pub fn with(&self, candidate: &Candidate) -> Self {
         let mut list = self.list.clone();
+        // Candidates stay the last columns, in the order in which they came.
+        let before = list.iter().position(|u| u.candidate.is_some()).unwrap_or(list.len());
+        let companion = |c: &Companion| Unknown {
+            companion_of: Some(candidate.name.clone()),
+            ..Unknown::new(&c.name, c.prior.clone(), Scope::Shared)
+        };
+        list.splice(before..before, candidate.companions.iter().map(companion));
         let unknown = Unknown::new(&candidate.name, candidate.search(), Scope::Shared);
         list.push(Unknown { candidate: Some(candidate.clone()), ..unknown });
         Self { list, ..*self }
@@ -174,6 +185,11 @@ impl Unknowns {
         sums
     }
 
+    /// Number of episodes.
+    pub fn episodes(&self) -> usize {
+        self.episodes
+    }
+
     /// Number of theta's parameters, which come first.
     pub fn theta(&self) -> usize {
         self.theta
@@ -192,6 +208,25 @@ impl Unknowns {
     pub fn column(&self, index: usize, episode: usize) -> usize {
         let before: usize = self.list[..index].iter().map(|u| self.width(u)).sum();
         before + if self.list[index].scope == Scope::Shared { 0 } else { episode }
+    }
+
+    /// Columns of the companions of all candidates.
+    pub fn companion_columns(&self) -> Range<usize> {
+        let is_first = |u: &Unknown| u.companion_of.is_some() || u.candidate.is_some();
+        let from = self.list.iter().position(is_first).map_or(self.columns(), |i| self.column(i, 0));
+        from..self.columns() - self.list.iter().filter(|u| u.candidate.is_some()).count()
+    }
+
+    /// Columns of the companions of the candidate `name`, in their order.
+    pub fn companions_of(&self, name: &str) -> Vec<usize> {
+        let own = self.list.iter().enumerate().filter(|(_, u)| u.companion_of.as_deref() == Some(name));
+        own.map(|(i, _)| self.column(i, 0)).collect()
+    }
+
+    /// Index of the unknown in `old` that is unknown `index` here; none if `old` lacks it.
+    pub fn place_in(&self, old: &Unknowns, index: usize) -> Option<usize> {
+        let own = &self.list[index];
+        old.list.iter().position(|other| other.name == own.name && other.scope == own.scope)
     }
 
     /// Scope of the unknown at `column`.
@@ -252,8 +287,7 @@ impl Unknowns {
     pub fn point_from(&self, old: &Unknowns, u: &[f64]) -> Vec<f64> {
         let mut point = vec![0.5; self.columns()];
         for (i, unknown) in self.list.iter().enumerate() {
-            let same = |o: &Unknown| o.name == unknown.name && o.scope == unknown.scope;
-            let Some(j) = old.list.iter().position(same) else { continue };
+            let Some(j) = self.place_in(old, i) else { continue };
             for episode in 0..self.episodes {
                 let value = old.list[j].prior.from_unit(u[old.column(j, episode)]);
                 point[self.column(i, episode)] = unknown.prior.to_unit(value).clamp(0.0, 1.0);
@@ -286,7 +320,48 @@ mod tests {
 
     fn candidate(name: &str) -> Candidate {
         let prior = Prior::Uniform { low: -0.1, high: 0.1 };
-        Candidate { name: name.into(), title: name.into(), prior, range: [-0.9, 10.0], base: 0.0, odds: 1.0 }
+        Candidate {
+            name: name.into(),
+            title: name.into(),
+            prior,
+            range: [-0.9, 10.0],
+            base: 0.0,
+            odds: 1.0,
+            companions: Vec::new(),
+        }
+    }
+
+    /// Candidate with companions of these names, with priors from 1 to 100.
+    fn group(name: &str, companions: [&str; 2]) -> Candidate {
+        let prior = Prior::LogUniform { low: 1.0, high: 100.0 };
+        let companion = |name: &str| Companion { name: name.into(), title: name.into(), prior: prior.clone() };
+        Candidate { companions: companions.map(companion).into(), ..candidate(name) }
+    }
+
+    #[test]
+    fn companions_precede_all_candidates_and_are_drawn_from_their_priors() {
+        let base = Unknowns::of(&model(), 2);
+        let with = base
+            .with(&group("a", ["a_place", "a_rate"]))
+            .with(&candidate("b"))
+            .with(&group("c", ["c_place", "c_rate"]));
+        let added: Vec<&str> = with.list()[base.list().len()..].iter().map(|u| u.name.as_str()).collect();
+        assert_eq!(added, ["a_place", "a_rate", "c_place", "c_rate", "a", "b", "c"]);
+        let from = base.columns();
+        assert_eq!((with.companion_columns(), base.companion_columns()), (from..from + 4, from..from));
+        assert_eq!((with.companions_of("c"), with.companions_of("b").len()), (vec![from + 2, from + 3], 0));
+        let point = with.drawn(vec![0.25; with.columns()]);
+        let values = with.values(&point, 0);
+        assert!((values[base.list().len()] - 10f64.sqrt()).abs() < 1e-12, "{values:?}");
+        let smaller = base.with(&group("c", ["c_place", "c_rate"]));
+        let moved = smaller.point_from(&with, &(0..with.columns()).map(|i| 0.05 * i as f64).collect::<Vec<_>>());
+        for (own, old) in [(from, from + 2), (from + 1, from + 3), (from + 2, from + 6)] {
+            assert!((moved[own] - 0.05 * old as f64).abs() < 1e-12, "{moved:?}");
+        }
+        assert_eq!(
+            (smaller.place_in(&with, base.list().len()), with.place_in(&smaller, base.list().len())),
+            (Some(base.list().len() + 2), None)
+        );
     }
 
     #[test]

@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use std::ops::Range;
 
 /// Precision of a coordinate without data: a uniform distribution on 0 to 1 has variance 1/12.
-const PRIOR_PRECISION: f64 = 12.0;
+pub const PRIOR_PRECISION: f64 = 12.0;
 /// Precision of a coordinate whose prior is counted elsewhere; it keeps the matrix positive definite.
 const NO_PRECISION: f64 = 1e-6;
 /// Rejection draws before the sampler changes to single coordinates.
@@ -26,12 +26,12 @@ pub struct Laplace {
 impl Laplace {
     /// Posterior around `fit` under uniform priors; none if the matrix is not positive definite.
     pub fn of(fit: &Fit) -> Option<Self> {
-        Self::with_precision(fit, PRIOR_PRECISION)
+        Self::with_precision(fit, |_| PRIOR_PRECISION)
     }
 
-    /// Likelihood around `fit`, without the width of the priors.
-    pub fn of_likelihood(fit: &Fit) -> Option<Self> {
-        Self::with_precision(fit, NO_PRECISION)
+    /// Likelihood around `fit`, without the width of the priors but for the coordinates in `with_prior`.
+    pub fn of_likelihood(fit: &Fit, with_prior: Range<usize>) -> Option<Self> {
+        Self::with_precision(fit, |i| if with_prior.contains(&i) { PRIOR_PRECISION } else { NO_PRECISION })
     }
 
     /// Posterior with the variances of `sds` added to the coordinates from `first` on. Returns it unchanged if all are
@@ -51,9 +51,9 @@ impl Laplace {
         widened.unwrap_or(self)
     }
 
-    fn with_precision(fit: &Fit, own: f64) -> Option<Self> {
+    fn with_precision(fit: &Fit, own: impl Fn(usize) -> f64) -> Option<Self> {
         let mut matrix = fit.curvature();
-        (0..matrix.nrows()).for_each(|i| matrix[(i, i)] += own);
+        (0..matrix.nrows()).for_each(|i| matrix[(i, i)] += own(i));
         let mean = DVector::from_column_slice(&fit.point);
         Some(Self { mean, precision: matrix.clone().cholesky()?, matrix })
     }
@@ -164,6 +164,13 @@ mod tests {
         let n = draws.len() as f64;
         let mean = draws.iter().sum::<f64>() / n;
         (mean, (draws.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n).sqrt())
+    }
+
+    #[test]
+    fn a_likelihood_has_the_width_of_the_prior_where_it_is_asked_for() {
+        let fit = fit(vec![0.5; 2], DMatrix::zeros(1, 2));
+        let likelihood = Laplace::of_likelihood(&fit, 0..1).unwrap();
+        assert!((likelihood.sd(0) - 12f64.sqrt().recip()).abs() < 1e-12 && likelihood.sd(1) > 100.0);
     }
 
     #[test]

@@ -2,11 +2,33 @@
 
 use super::laplace::Laplace;
 use super::problem::{Fit, LinearisedStart, OnRound, Problem, Start};
-use crate::data::Scope;
+use crate::data::{Scope, Unknowns};
 use crate::error::FitError;
 use catenary_core::Track;
 use catenary_core::simulator::{SimulatorError, TrackSensitivities};
 use nalgebra::{DMatrix, DVector};
+
+/// Derivatives at a fit of fewer unknowns.
+#[derive(Debug, Clone, Copy)]
+pub struct Known<'a> {
+    /// Unknowns of that fit.
+    pub unknowns: &'a Unknowns,
+    /// Jacobian of that fit.
+    pub jacobian: &'a DMatrix<f64>,
+}
+
+impl Known<'_> {
+    /// Columns of the known unknowns, here and in `all`.
+    fn columns_in(self, all: &Unknowns) -> Vec<(usize, usize)> {
+        let mut columns = Vec::new();
+        for (i, unknown) in all.list().iter().enumerate() {
+            let Some(known) = all.place_in(self.unknowns, i) else { continue };
+            let episodes = if unknown.scope == Scope::Shared { 1 } else { all.episodes() };
+            columns.extend((0..episodes).map(|e| (self.unknowns.column(known, e), all.column(i, e))));
+        }
+        columns
+    }
+}
 
 impl Problem<'_> {
     /// Linearises the model at the starts, the first round of a fit; none for a start that cannot be simulated.
@@ -21,15 +43,15 @@ impl Problem<'_> {
         self.linearise_with(starts, None, on_round)
     }
 
-    /// Linearisation whose Jacobian is computed for the last unknown only, at a fraction of the cost. The other columns of
-    /// the Jacobian are `known` from a fit without that unknown.
+    /// Linearisation whose Jacobian is computed for the unknowns that `known` lacks only, at a fraction of the cost. The other
+    /// columns of the Jacobian are known from a fit without these unknowns.
     ///
     /// # Errors
     /// As [`Problem::fit`].
-    pub fn linearise_last(
+    pub fn linearise_new(
         &self,
         starts: Vec<Start>,
-        known: &DMatrix<f64>,
+        known: Known<'_>,
         on_round: OnRound<'_>,
     ) -> Result<Vec<Option<LinearisedStart>>, FitError> {
         self.linearise_with(starts, Some(known), on_round)
@@ -38,7 +60,7 @@ impl Problem<'_> {
     fn linearise_with(
         &self,
         starts: Vec<Start>,
-        known: Option<&DMatrix<f64>>,
+        known: Option<Known<'_>>,
         on_round: OnRound<'_>,
     ) -> Result<Vec<Option<LinearisedStart>>, FitError> {
         let at = starts.iter().map(|s| (s.point.as_slice(), s.tracks.as_slice())).collect();
@@ -56,19 +78,20 @@ impl Problem<'_> {
         Ok(starts.into_iter().zip(fits).map(seen).collect())
     }
 
-    /// Indices of the unknowns whose derivatives are computed: all unknowns, or the last one if the other columns are
-    /// `known`. Shared unknowns are left out if they are held.
-    fn by(&self, known: Option<&DMatrix<f64>>) -> impl Iterator<Item = usize> {
+    /// Indices of the unknowns whose derivatives are computed: all unknowns that are not `known`. Shared unknowns are left out
+    /// if they are held.
+    fn by(&self, known: Option<Known<'_>>) -> Vec<usize> {
         let list = self.unknowns.list();
-        let first = known.map_or(0, |_| list.len() - 1);
-        (first..list.len()).filter(|&i| !(self.is_shared_held && list[i].scope == Scope::Shared))
+        let is_held = |i: usize| self.is_shared_held && list[i].scope == Scope::Shared;
+        let is_known = |i: usize| known.is_some_and(|known| self.unknowns.place_in(known.unknowns, i).is_some());
+        (0..list.len()).filter(|&i| !is_held(i) && !is_known(i)).collect()
     }
 
     /// Linearisations of trials, each a point and a data set; an error says why a point is of no use.
     pub(super) fn evaluate(
         &self,
         trials: Vec<(&[f64], &[Track])>,
-        known: Option<&DMatrix<f64>>,
+        known: Option<Known<'_>>,
     ) -> Vec<Result<Fit, String>> {
         let usable = |fit: Result<Fit, SimulatorError>| match fit {
             Ok(fit) if is_usable(&fit) => Ok(fit),
@@ -78,13 +101,9 @@ impl Problem<'_> {
         self.simulate(trials, known).into_iter().map(usable).collect()
     }
 
-    fn simulate(
-        &self,
-        trials: Vec<(&[f64], &[Track])>,
-        known: Option<&DMatrix<f64>>,
-    ) -> Vec<Result<Fit, SimulatorError>> {
+    fn simulate(&self, trials: Vec<(&[f64], &[Track])>, known: Option<Known<'_>>) -> Vec<Result<Fit, SimulatorError>> {
         let points: Vec<&[f64]> = trials.iter().map(|t| t.0).collect();
-        let mut names: Vec<&str> = self.by(known).map(|i| self.unknowns.list()[i].name.as_str()).collect();
+        let mut names: Vec<&str> = self.by(known).into_iter().map(|i| self.unknowns.list()[i].name.as_str()).collect();
         names.sort_unstable();
         // The name of an effect can occur twice: as an unknown of each episode and as a candidate. Its derivative is
         // computed once.
@@ -134,7 +153,7 @@ impl Problem<'_> {
         tracks: &[Track],
         episodes: &[&TrackSensitivities],
         names: &[&str],
-        known: Option<&DMatrix<f64>>,
+        known: Option<Known<'_>>,
     ) -> Fit {
         let parts: Vec<_> = self
             .episodes
@@ -147,19 +166,22 @@ impl Problem<'_> {
         let rows: usize = parts.iter().map(|p| p.0.len()).sum::<usize>() + prior_residuals.len();
         let mut residuals = DVector::zeros(rows);
         let mut jacobian = DMatrix::zeros(rows, self.unknowns.columns());
-        // The known columns come from a fit without the last unknown. They are an approximation that is good enough to rank
+        // The known columns come from a fit without the new unknowns. They are an approximation that is good enough to rank
         // candidates.
         if let Some(known) = known {
-            jacobian.columns_mut(0, known.ncols()).copy_from(known);
+            for (from, to) in known.columns_in(&self.unknowns) {
+                jacobian.column_mut(to).copy_from(&known.jacobian.column(from));
+            }
         }
+        let by = self.by(known);
         let mut from = 0;
         for (episode, (r, j)) in parts.iter().enumerate() {
             residuals.rows_mut(from, r.len()).copy_from(r);
             let values = self.unknowns.values(point, episode);
-            for i in self.by(known) {
+            for &i in &by {
                 let (unknown, column) = (&self.unknowns.list()[i], self.unknowns.column(i, episode));
-                let by = names.iter().position(|name| *name == unknown.name).expect("it was asked for");
-                let scaled = j.column(by) * self.unknowns.slope(i, values[i]);
+                let place = names.iter().position(|name| *name == unknown.name).expect("it was asked for");
+                let scaled = j.column(place) * self.unknowns.slope(i, values[i]);
                 jacobian.view_mut((from, column), (r.len(), 1)).copy_from(&scaled);
             }
             from += r.len();

@@ -85,8 +85,7 @@ mod tests {
         let problem = Problem::of(&toy::model(), &episodes, &toy, 40);
         let prior = Prior::Uniform { low: 0.0, high: 0.5 };
         let name = "tip_mass_kg";
-        let candidate =
-            Candidate { name: name.into(), title: name.into(), prior, range: [0.0, 0.5], base: 0.0, odds: 1.0 };
+        let candidate = Candidate { prior, range: [0.0, 0.5], ..toy::candidate(name) };
         let mut go_on = || ControlFlow::Continue(());
         let mut linearised = |problem: &Problem<'_>, point: Vec<f64>| {
             let start = Start { point, tracks: problem.measured() };
