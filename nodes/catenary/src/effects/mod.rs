@@ -11,7 +11,7 @@ use args::EffectsArgs;
 use catenary_core::model::DriveKind;
 use catenary_core::spelling::did_you_mean;
 use catenary_core::{Model, Prior};
-use catenary_simulator::effects::{About, Effect, Hook, Sign};
+use catenary_simulator::effects::{About, Effect, Hook, Sign, replaced};
 use catenary_simulator::{BeamSimulator, Registry, workers};
 use effect_finder::node::convert;
 use effect_finder::report::detectable_size;
@@ -31,7 +31,7 @@ struct Row {
     sign: Sign,
     prior: Prior,
     range: [f64; 2],
-    /// Names of the effects that set where and how fast it acts.
+    /// Names of the effects that set where, how fast or from which size on it acts.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     companions: &'static [&'static str],
     /// Smallest size that shows at the 5 % level in four of five such episodes. `None` if no episode was given, if the
@@ -56,6 +56,9 @@ pub fn run(arguments: &EffectsArgs) -> Result<()> {
     let registry = if arguments.model.is_some() { &Registry::with_unlisted() } else { Registry::shipped() };
     let known: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
     if let Some(name) = arguments.name.iter().find(|name| registry.find(name).is_none()) {
+        if let Some((_, by)) = replaced(name) {
+            return Err(WrongInput::error(format!("--name {name}: it is no more: expected {by}")));
+        }
         let hint = did_you_mean(name, known.iter().copied());
         return Err(WrongInput::error(format!("--name {name}: expected one of {}{hint}", known.join(", "))));
     }

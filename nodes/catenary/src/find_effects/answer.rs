@@ -3,7 +3,7 @@
 use crate::report::number::{millimetres, percent, plain};
 use crate::report::quantity::{Quantity, capital};
 use catenary_core::statistics::p_clause;
-use effect_finder::evidence::Test;
+use effect_finder::evidence::{CompanionValue, Test};
 use effect_finder::report::{ClosedGap, Missing, PressingValue, StandIn, Verification, part_in_words};
 use effect_finder::{Finding, Verdict};
 
@@ -125,16 +125,26 @@ pub fn most_probable(finding: &Finding) -> Vec<&str> {
     finding.found.iter().filter_map(|alike| alike.first()).flat_map(|names| names.split(" + ")).collect()
 }
 
-/// Effect with its size: "tip mass of 0.23 kg (0.16 to 0.29)".
+/// Effect with its size: "tip mass of 0.23 kg (0.16 to 0.29)". Its companions follow in brackets.
 fn effect(finding: &Finding, name: &str) -> String {
-    let quantity = Quantity::of(name);
-    let fitted = finding.repaired.iter().flat_map(|f| &f.estimates).find(|e| e.name == name);
-    let alone = || finding.explanations.iter().flat_map(|e| &e.effects).find(|e| e.name == name);
-    let size = fitted
-        .map(|e| quantity.estimate(e.value, e.q05, e.q95))
-        // 1.645 standard deviations: the 5 % and 95 % quantiles of a normal distribution.
-        .or_else(|| alone().map(|e| quantity.estimate(e.value, e.value - 1.645 * e.sd, e.value + 1.645 * e.sd)));
-    size.map_or(quantity.title.clone(), |size| format!("{} of {size}", quantity.title))
+    let fitted = |name: &str| {
+        let estimate = finding.repaired.iter().flat_map(|f| &f.estimates).find(|e| e.name == name);
+        estimate.map(|e| Quantity::of(name).estimate(e.value, e.q05, e.q95))
+    };
+    let words = |name: &str, size: Option<String>| {
+        let title = Quantity::of(name).title;
+        size.map_or(title.clone(), |size| format!("{title} of {size}"))
+    };
+    let alone = finding.explanations.iter().flat_map(|e| &e.effects).find(|e| e.name == name);
+    // 1.645 standard deviations: the 5 % and 95 % quantiles of a normal distribution.
+    let size = alone.map(|e| Quantity::of(name).estimate(e.value, e.value - 1.645 * e.sd, e.value + 1.645 * e.sd));
+    let companion = |c: &CompanionValue| {
+        let size = fitted(&c.name).unwrap_or_else(|| Quantity::of(&c.name).estimate(c.value, c.q05, c.q95));
+        words(&c.name, Some(size))
+    };
+    let companions: Vec<String> = alone.iter().flat_map(|e| &e.companions).map(companion).collect();
+    let whole = words(name, fitted(name).or(size));
+    if companions.is_empty() { whole } else { format!("{whole} [{}]", companions.join(", ")) }
 }
 
 /// Most probable effects with their sizes, and the verb: "Tip mass of 0.23 kg (0.16 to 0.29) is".
@@ -192,7 +202,8 @@ pub mod tests {
     /// Result of a search that names a tip mass and verifies it on one held-out episode.
     pub fn named() -> Finding {
         let mass = Estimate { name: "tip_mass_kg".into(), value: 0.2271, q05: 0.161, q95: 0.292 };
-        let magnitude = Magnitude { name: "tip_mass_kg".into(), title: "tip mass".into(), value: 0.2271, sd: 0.04 };
+        let (name, title) = ("tip_mass_kg".into(), "tip mass".into());
+        let magnitude = Magnitude { name, title, value: 0.2271, sd: 0.04, companions: Vec::new() };
         let score = |rmse_mm: f64| Score { rmse_mm, energy_mm: Some(rmse_mm) };
         Finding {
             verdict: Verdict::Named,
@@ -259,6 +270,29 @@ pub mod tests {
         let expected = "What is missing acts on the material (probability 0.98), like a bend at a place (0.35 of the length \
                         from the grip), and shows most from 0.5 to 3.0 s.";
         assert_eq!(said.last().map(String::as_str), Some(expected));
+    }
+
+    #[test]
+    fn the_answer_names_a_group_once_with_each_of_its_numbers() {
+        let companion = |name: &str, [value, q05, q95]: [f64; 3]| CompanionValue {
+            name: name.into(),
+            title: String::new(),
+            value,
+            q05,
+            q95,
+        };
+        let companions = vec![
+            companion("strand_slip_turn_rad", [0.2, 0.1, 0.3]),
+            companion("strand_slip_spread", [12.0, 2.0, 80.0]),
+        ];
+        let (name, value, sd) = ("strand_friction_rad".to_owned(), 0.5, 0.1);
+        let mut finding = Finding { found: vec![vec![name.clone()]], ..named() };
+        finding.explanations[0].effects = vec![Magnitude { title: String::new(), name, value, sd, companions }];
+        // The repaired model's estimate of a number replaces that of the explanation.
+        let estimate = Estimate { name: "strand_slip_turn_rad".into(), value: 0.2, q05: 0.15, q95: 0.3 };
+        finding.repaired = Some(fitness(7.4, 100.0, vec![estimate]));
+        let expected = "Friction between strands of 29° (19 to 38) [turn at which strands slip of 11.5° (8.6 to 17.2), spread of the turns at which strands slip of 12 (2 to 80)] is missing from the model.";
+        assert_eq!(answer(&finding, 1)[0], expected);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use catenary_core::statistics::p_words;
 use catenary_core::{Model, Prior};
 use catenary_simulator::Registry;
 use effect_finder::Verdict;
-use effect_finder::evidence::{Explanation, Magnitude};
+use effect_finder::evidence::{CompanionValue, Explanation, Magnitude};
 use effect_finder::report::{
     Band, DetectionLimit, EpisodeBands, Estimate, Finding, Fitness, Localisation, Part, PlaneTrack, Verification,
 };
@@ -312,7 +312,12 @@ fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
 fn sizes(e: &Explanation) -> String {
     let one = |m: &Magnitude| {
         let quantity = Quantity::of(&m.name);
-        format!("{} {}", quantity.title, quantity.spread(m.value, m.sd))
+        let companion = |c: &CompanionValue| {
+            let quantity = Quantity::of(&c.name);
+            format!(", {} {}", quantity.title, quantity.estimate(c.value, c.q05, c.q95))
+        };
+        let companions: String = m.companions.iter().map(companion).collect();
+        format!("{} {}{companions}", quantity.title, quantity.spread(m.value, m.sd))
     };
     e.effects.iter().map(one).collect::<Vec<_>>().join(" with ")
 }
