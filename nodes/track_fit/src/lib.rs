@@ -4,6 +4,7 @@ pub mod data;
 mod differences;
 pub mod error;
 pub mod fitting;
+pub mod noise;
 pub mod sampling;
 pub mod settings;
 pub mod toy;

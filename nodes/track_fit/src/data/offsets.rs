@@ -10,6 +10,25 @@ impl MeasuredEpisode {
     }
 }
 
+impl MeasuredEpisode {
+    /// Root mean square distance of keypoints by noise alone, in the plane of motion, mm. None if every line of sight misses the
+    /// plane.
+    pub fn noise_mm(&self, camera: &Camera) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for point in self.measured.frames.iter().flat_map(|frame| frame.dlo) {
+            let moved = [[self.keypoint_sd, 0.0], [0.0, self.keypoint_sd]].map(|by| {
+                let [there, here] = [[point[0] + by[0], point[1] + by[1]], point].map(|p| camera.plane_from_scaled(p));
+                there.zip(here).map(|(a, b)| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2))
+            });
+            if let [Some(x), Some(y)] = moved {
+                sum += x + y;
+                count += 1.0;
+            }
+        }
+        (count > 0.0).then(|| 1e3 * (sum / count).sqrt())
+    }
+}
+
 /// Keypoint offsets of a frame in the plane of motion, mm: x and z of each keypoint. None if a line of sight misses the
 /// plane.
 pub type Offset = Option<[f64; 8]>;
