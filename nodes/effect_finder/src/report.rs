@@ -3,6 +3,7 @@
 mod agreement;
 mod bands;
 mod black_box;
+mod blind;
 mod decide;
 mod detectable;
 mod draws;
@@ -24,6 +25,7 @@ mod verifier;
 pub use agreement::Agreement;
 pub(crate) use bands::fitted_bands;
 pub use bands::{Band, EpisodeBands, PlaneTrack};
+pub use blind::{hidden_sds, is_too_quiet};
 pub use decide::{
     ClosedGap, Objection, RepairEvidence, SupportEvidence, ValidationEvidence, VerdictEvidence, decide, is_unlike,
 };

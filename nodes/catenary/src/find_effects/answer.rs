@@ -64,6 +64,15 @@ fn by_verdict(finding: &Finding, episodes: usize) -> Vec<String> {
                 p_clause(present.test.p_value, present.test.null.len())
             ),
         ],
+        Verdict::CannotSee => {
+            let size = finding.hidden_gap_mm.map_or(String::new(), |mm| format!(" of up to {} mm", millimetres(mm)));
+            vec![
+                format!("A gap{size} between the model and {on} could not be seen."),
+                "The model file states more noise of the keypoints than the fast changes of the recording hold; the rest may be slow noise, or something that is missing from the model.".into(),
+                left,
+                "Measure the noise with an object at rest, state it in the model file, and search again.".into(),
+            ]
+        }
         Verdict::Named => {
             vec![format!("{} missing from the model.", subject(finding)), repair(finding, episodes)]
         }
@@ -208,7 +217,9 @@ pub mod tests {
         Finding {
             verdict: Verdict::Named,
             misfit: None,
+            noise: None,
             noise_doubt: None,
+            hidden_gap_mm: None,
             joined: Vec::new(),
             conclusions: vec!["a step".into()],
             present: fitness(38.2, 2500.0, Vec::new()),
@@ -328,6 +339,7 @@ pub mod tests {
     fn every_verdict_has_an_answer_without_names_of_fields() {
         for verdict in [
             Verdict::NoGap,
+            Verdict::CannotSee,
             Verdict::Named,
             Verdict::NamedInPart,
             Verdict::CannotTellApart,

@@ -38,7 +38,7 @@ pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<St
     let mut page = Page::new(&format!("Missing effects of the model {}", report.model));
     page.answer(
         &answer(finding, report.episodes.len()),
-        matches!(finding.verdict, Verdict::NoneOfThese | Verdict::PriorTooNarrow),
+        matches!(finding.verdict, Verdict::CannotSee | Verdict::NoneOfThese | Verdict::PriorTooNarrow),
     );
     let mut all: Vec<String> = finding.misfit.iter().map(|reason| Misfit::headline(reason)).collect();
     all.extend(report.warnings.iter().cloned());

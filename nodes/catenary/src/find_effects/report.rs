@@ -1,7 +1,7 @@
 //! Result of a search.
 
 use crate::exit::Misfit;
-use effect_finder::{Finding, Settings};
+use effect_finder::{Finding, Settings, Verdict};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +53,10 @@ impl Report {
         }
         lines.push(format!("{} episodes, {:.1} s", self.episodes.len(), self.wall_s));
         lines.extend(self.finding.noise_doubt.iter().map(|doubt| format!("warning: {doubt}")));
+        if self.finding.verdict == Verdict::CannotSee {
+            let size = self.finding.hidden_gap_mm.map_or("a gap".into(), |mm| format!("a gap of up to {mm:.1} mm"));
+            lines.push(format!("{size} may hide in the stated noise"));
+        }
         lines.push(format!("report: {}", page.display()));
         lines.join("\n")
     }
@@ -73,7 +77,6 @@ fn headline(finding: &Finding) -> String {
 mod tests {
     use super::super::answer::tests::named;
     use super::*;
-    use effect_finder::Verdict;
 
     #[test]
     fn the_terminal_tells_values_at_a_bound_without_a_gap() {

@@ -14,6 +14,8 @@ pub struct VerdictEvidence {
     /// p-values of the present model on each validation and held-out episode; empty without any, or if the fitted episodes
     /// show a gap.
     pub further: Vec<f64>,
+    /// The noise is larger than what the recordings show, and cannot be told from them.
+    pub is_blind: bool,
     /// Parameters or values of episodes are at bounds of their priors, and the gap closes beyond these.
     pub closes_beyond_prior: bool,
     /// Best repair; none if no candidate model is more probable than the present model.
@@ -133,7 +135,7 @@ pub fn is_unlike(p_value: f64, count: usize, settings: &Settings) -> bool {
 pub fn decide(evidence: &VerdictEvidence, settings: &Settings) -> Verdict {
     let VerdictEvidence { p_value, further, .. } = evidence;
     if *p_value > settings.level && !further.iter().any(|p| is_unlike(*p, further.len(), settings)) {
-        return Verdict::NoGap;
+        return if evidence.is_blind { Verdict::CannotSee } else { Verdict::NoGap };
     }
     if evidence.closes_beyond_prior {
         return Verdict::PriorTooNarrow;
@@ -335,7 +337,12 @@ mod tests {
         for (rule, repair, verdict) in rows {
             let evidence = |p_value, further: &[f64], closes_beyond_prior| {
                 let (further, repair) = (further.to_vec(), repair.clone());
-                decide(&VerdictEvidence { p_value, further, closes_beyond_prior, repair }, &Settings::default())
+                let seen = VerdictEvidence { p_value, further, is_blind: false, closes_beyond_prior, repair };
+                let verdict = decide(&seen, &Settings::default());
+                let blind = decide(&VerdictEvidence { is_blind: true, ..seen }, &Settings::default());
+                let expected = if verdict == Verdict::NoGap { Verdict::CannotSee } else { verdict };
+                assert_eq!(blind, expected, "{rule}, and the noise is not known");
+                verdict
             };
             assert_eq!(evidence(0.05, &[], false), verdict, "{rule}");
             assert_eq!(evidence(0.051, &[], false), Verdict::NoGap, "{rule}, but the present model is not rejected");
@@ -363,6 +370,7 @@ mod tests {
             let evidence = VerdictEvidence {
                 p_value: 0.05,
                 further: Vec::new(),
+                is_blind: false,
                 closes_beyond_prior: false,
                 repair: Some(repair),
             };

@@ -13,6 +13,7 @@ use crate::evidence::{Discrepancy, Explanation, Magnitude, Ranking, Test};
 use crate::settings::Settings;
 use serde::{Deserialize, Serialize};
 use track_fit::data::Candidate;
+use track_fit::noise::KeypointNoise;
 
 /// Estimate of a value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -52,9 +53,16 @@ pub struct Finding {
     /// Reason for which even the best model fits nothing of the recording; none: the verdict may be used.
     #[serde(default)]
     pub misfit: Option<String>,
-    /// Reason to doubt the model's noise, in a sentence; none: it is not larger than the data's.
+    /// Noise of the keypoints: stated, seen in the fitted episodes, and used.
+    #[serde(default)]
+    pub noise: Option<KeypointNoise>,
+    /// Reason to doubt the model's noise, in a sentence, with what was done about it; none: it stands.
     #[serde(default)]
     pub noise_doubt: Option<String>,
+    /// Root mean square distance of keypoints, mm, of the largest gap that may hide; none unless the verdict is that it cannot
+    /// be seen.
+    #[serde(default)]
+    pub hidden_gap_mm: Option<f64>,
     /// Validation and held-out episodes that contradict the present model, although the episodes given as fitted agree with it.
     /// In this order they follow these among the fitted episodes of all other fields.
     #[serde(default)]
@@ -154,7 +162,9 @@ impl Finding {
             verdict: Verdict::NoGap,
             conclusions: Vec::new(),
             misfit: None,
+            noise: None,
             noise_doubt: None,
+            hidden_gap_mm: None,
             joined: Vec::new(),
             present,
             places,

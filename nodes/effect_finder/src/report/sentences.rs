@@ -87,6 +87,15 @@ pub fn noise_doubt(test: &Test) -> Option<String> {
     })
 }
 
+/// Gap that may hide in a noise that is not known; none if its size has no measure in the plane of motion.
+pub fn unseen(hidden_gap_mm: Option<f64>) -> String {
+    let size =
+        hidden_gap_mm.map_or(String::new(), |mm| format!(" of up to {mm:.1} mm (root mean square of the keypoints)"));
+    format!(
+        "cannot see: a gap{size} may hide in the stated noise; measure the noise of the keypoints with an object at rest, state it as camera.keypoint_noise_px, and search again"
+    )
+}
+
 /// Localisation of the disagreement. `names` are those of the fitted episodes.
 pub fn located(places: &[Localisation], level: f64, names: &[&str]) -> String {
     let begin = onset(places, level).map(|p| match p.part {

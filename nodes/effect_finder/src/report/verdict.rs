@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 pub enum Verdict {
     /// The model explains the data up to their noise.
     NoGap,
+    /// The stated noise is larger than what the recordings show, and the noise itself cannot be told from them: a gap may hide in
+    /// the difference.
+    CannotSee,
     /// One effect, or several together, close the gap.
     Named,
     /// Several explanations close the gap, and the data do not tell them apart.
@@ -28,6 +31,7 @@ impl Verdict {
     pub fn name(self) -> &'static str {
         match self {
             Verdict::NoGap => "no_gap",
+            Verdict::CannotSee => "cannot_see",
             Verdict::Named => "named",
             Verdict::CannotTellApart => "cannot_tell_apart",
             Verdict::NamedInPart => "named_in_part",

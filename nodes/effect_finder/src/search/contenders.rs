@@ -201,6 +201,7 @@ mod tests {
     use super::*;
     use catenary_core::{Fidelity, Prior};
     use std::ops::ControlFlow;
+    use track_fit::noise::KeypointNoise;
     use track_fit::toy::twisted::{Mimic, folding_when_fine, misleading};
     use track_fit::toy::{self, Toy};
 
@@ -320,8 +321,16 @@ mod tests {
         let question = Question::of(&model, &[]);
         let mut listen = |_: &Progress| ControlFlow::Continue(());
         let reporter = Reporter::new(&mut listen, Told::default());
-        let mut search =
-            Search { question, problem: &problem, validation: &[], held_out: &[], settings: &settings, reporter };
+        let noise = KeypointNoise::stated(&model);
+        let mut search = Search {
+            question,
+            noise,
+            problem: &problem,
+            validation: &[],
+            held_out: &[],
+            settings: &settings,
+            reporter,
+        };
         let better = search.stepped_back(&[pair.clone(), single], &baseline).unwrap().expect("it fits better");
         assert!(
             better[1].fit.cost < 1e-3 && better[1].correction == FidelityCorrection::Untried,
@@ -360,8 +369,16 @@ mod tests {
                 Hypothesis { candidates, unknowns, episodes: None, correction, fit: far, evidence, effort, spread };
             let mut listen = |_: &Progress| ControlFlow::Continue(());
             let reporter = Reporter::new(&mut listen, Told::default());
-            let mut search =
-                Search { question, problem: &problem, validation: &[], held_out: &[], settings: &settings, reporter };
+            let noise = KeypointNoise::stated(&model);
+            let mut search = Search {
+                question,
+                noise,
+                problem: &problem,
+                validation: &[],
+                held_out: &[],
+                settings: &settings,
+                reporter,
+            };
             let new = search.keep_better(&old, best, Effort::Searched, &baseline).unwrap();
             assert_eq!((new.effort, new.correction), (Effort::Searched, FidelityCorrection::Applied));
             new.fit.cost

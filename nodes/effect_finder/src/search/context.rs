@@ -3,11 +3,12 @@
 use super::progress::{Reporter, Stage};
 use super::question::Question;
 use crate::error::FinderError;
-use crate::evidence::{Detection, Extent, Hypothesis, Ranking, detect};
-use crate::report::{Agreement, EpisodeBands, Fitness, Verification, Verifier, fitted_bands, sentences};
+use crate::evidence::{Detection, Extent, Hypothesis, Ranking, Test, detect};
+use crate::report::{Agreement, EpisodeBands, Fitness, Verification, Verifier, fitted_bands, hidden_sds, sentences};
 use crate::settings::Settings;
 use track_fit::data::MeasuredEpisode;
 use track_fit::fitting::{Fit, Problem};
+use track_fit::noise::KeypointNoise;
 
 /// Number of the most probable models that are refined and extended.
 pub(super) const PARENTS: usize = 3;
@@ -53,6 +54,8 @@ pub(super) struct Checked {
 pub(super) struct Search<'a> {
     /// Input of the search.
     pub question: Question<'a>,
+    /// Noise of the keypoints.
+    pub noise: KeypointNoise,
     /// Problem of fitting the present model.
     pub problem: &'a Problem<'a>,
     /// Validation episodes.
@@ -80,6 +83,13 @@ impl<'a> Search<'a> {
         let settings = self.settings;
         self.reporter.report(stage, 0.0, None)?;
         self.reporter.with_rounds(stage, |on_round| detect(problem, fit, settings, stream, enough, on_round))
+    }
+
+    /// Root mean square distance of keypoints, mm, of the largest gap that the test of the present model may not see. None if a line
+    /// of sight misses the plane of motion.
+    pub fn hidden_gap_mm(&self, test: &Test) -> Option<f64> {
+        let noise_mm = self.problem.episodes.iter().filter_map(|e| e.noise_mm(&self.question.model.camera.view));
+        Some(hidden_sds(test, self.settings.level) * noise_mm.reduce(f64::max)?)
     }
 
     /// Agreement of a fit with the data.

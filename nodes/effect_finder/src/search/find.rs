@@ -8,8 +8,8 @@ use super::question::Question;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Detection, Effort, Hypothesis};
 use crate::report::{
-    Finding, Fitness, FurtherTest, Outcome, PressingValue, Verdict, VerdictEvidence, index_among_all, join, limits,
-    localise, sentences, trade_offs,
+    Finding, Fitness, FurtherTest, Outcome, PressingValue, Verdict, VerdictEvidence, index_among_all, is_too_quiet,
+    join, limits, localise, sentences, trade_offs,
 };
 use crate::settings::Settings;
 use catenary_core::DifferentiableSimulator;
@@ -42,11 +42,13 @@ pub fn find(
         join(&joined, &mut measured, &mut validation, &mut held_out);
         let own = Question { measured: &measured, validation: &validation, held_out: &held_out, ..question };
         let mut reporter = Reporter::new(&mut *on_progress, told);
-        let Calibration { present, validation, held_out } = calibrate(&own, simulator, settings, &mut reporter)?;
+        let Calibration { model, noise, present, validation, held_out } =
+            calibrate(&own, simulator, settings, &mut reporter)?;
         let CorrectedFit { episodes, fit, correction } = present;
-        let problem = Problem::of(own.model, &episodes, simulator, settings.rounds);
+        let problem = Problem::of(&model, &episodes, simulator, settings.rounds);
         let search = Search {
-            question: own,
+            question: Question { model: &model, ..own },
+            noise,
             problem: &problem,
             validation: &validation,
             held_out: &held_out,
@@ -136,9 +138,11 @@ impl Search<'_> {
         let mut outcome =
             Outcome { finding: Finding::without_gap(fitness, places, pressing), model: None, shown: Vec::new() };
         outcome.finding.pressing_values = pressing_values;
-        if let Some(doubt) = sentences::noise_doubt(&outcome.finding.present.test) {
+        outcome.finding.noise = Some(self.noise);
+        outcome.finding.noise_doubt =
+            self.noise.doubt().or_else(|| sentences::noise_doubt(&outcome.finding.present.test));
+        if let Some(doubt) = &outcome.finding.noise_doubt {
             self.reporter.conclude(Stage::Detect, format!("warning: {doubt}"))?;
-            outcome.finding.noise_doubt = Some(doubt);
         }
         let (problem, candidates) = (self.problem, self.question.candidates);
         // Limits are reported with every finding, with and without a gap.
@@ -168,8 +172,15 @@ impl Search<'_> {
             outcome.shown = self.bands(&base, None)?;
             Explained { repair: None, named: None }
         };
-        let evidence = VerdictEvidence { p_value, further, closes_beyond_prior, repair };
+        let test = &outcome.finding.present.test;
+        let is_blind = self.noise.is_unknown || is_too_quiet(test);
+        let hidden_gap_mm = is_blind.then(|| self.hidden_gap_mm(test)).flatten();
+        let evidence = VerdictEvidence { p_value, further, is_blind, closes_beyond_prior, repair };
         outcome.finding.conclude(&evidence, self.settings);
+        if outcome.finding.verdict == Verdict::CannotSee {
+            outcome.finding.hidden_gap_mm = hidden_gap_mm;
+            self.reporter.conclude(Stage::Detect, sentences::unseen(hidden_gap_mm))?;
+        }
         if outcome.finding.verdict == Verdict::PriorTooNarrow {
             outcome.model = None;
             self.reporter.conclude(Stage::Repair, sentences::at_the_edge(&outcome.finding))?;
@@ -198,7 +209,8 @@ mod tests {
     const DRAG: &str = "linear_drag_n_s_m2";
     const TOY: Toy = Toy { gain: 3.0 };
 
-    /// The measurement holds the error of the coarse simulation, which hides a gap.
+    /// The measurement holds the error of the coarse simulation, which hides a gap. It has none of the stated noise, so that nothing is
+    /// seen then.
     #[test]
     fn a_large_discretisation_error_selects_the_fallback_fidelity() {
         let (theta, error) = ([0.25, 2e4], 0.3);
@@ -212,10 +224,11 @@ mod tests {
             let settings = Settings { fallback_fidelity, draws: 40, starts: 2, null_sets: 19, ..Settings::default() };
             find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding.verdict
         };
-        assert_eq!([None, Some(Fidelity::FineMesh)].map(found), [Verdict::NoGap, Verdict::NoneOfThese]);
+        assert_eq!([None, Some(Fidelity::FineMesh)].map(found), [Verdict::CannotSee, Verdict::NoneOfThese]);
     }
 
-    /// The first fit shows it, and the search for a better one is left to the fallback fidelity.
+    /// The first fit shows it, and the search for a better one is left to the fallback fidelity. The measurement has none of the
+    /// stated noise.
     #[test]
     fn the_fallback_fidelity_closes_a_gap_of_the_discretisation() {
         let (theta, simulator) = ([0.25, 2e4], coarse(Toy { gain: 0.3 }, 0.3));
@@ -232,7 +245,7 @@ mod tests {
         let found = find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap().finding;
         assert_eq!(
             (found.verdict, found.conclusions[0].clone()),
-            (Verdict::NoGap, sentences::finer(Fidelity::FineMesh))
+            (Verdict::CannotSee, sentences::finer(Fidelity::FineMesh))
         );
     }
 

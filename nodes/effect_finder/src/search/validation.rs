@@ -155,6 +155,7 @@ mod tests {
     use std::ops::ControlFlow;
     use track_fit::data::Candidate;
     use track_fit::fitting::{Problem, Start};
+    use track_fit::noise::KeypointNoise;
     use track_fit::toy::{self, Toy};
 
     fn go_on() -> ControlFlow<()> {
@@ -213,6 +214,7 @@ mod tests {
             let reporter = Reporter::new(&mut listen, Told::default());
             let mut search = Search {
                 question,
+                noise: KeypointNoise::stated(&model),
                 problem: &problem,
                 validation: &validation,
                 held_out: &[],
