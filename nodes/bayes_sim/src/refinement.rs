@@ -4,13 +4,16 @@
 //! refinement fits the model from draws of the networks and of the prior, and draws from the exact posterior of the
 //! parameters and of what the model draws for each episode (`track_fit::sampling`). Its likelihood is that of the model
 //! file: independent Gaussian noise of `camera.keypoint_noise_px` on each keypoint coordinate, and of `observation.wrench` on the wrench.
+//! Noise of keypoints that the recordings contradict is overruled ([`KeypointNoise`]).
 
 use crate::diagnostics::{self, PredictiveCheck, Unchecked};
 use crate::sequential::PART;
 use crate::settings::Settings;
 use catenary_core::episode::MeasuredTrack;
 use catenary_core::simulator::Until;
-use catenary_core::{Fidelity, Model, Posterior, SimulationRequest, Simulator, SimulatorError, Track, seed};
+use catenary_core::{
+    Fidelity, KeypointOrder, Model, Posterior, SimulationRequest, Simulator, SimulatorError, Track, seed,
+};
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -18,6 +21,7 @@ use track_fit::data::{MeasuredEpisode, Offset, Scope, Unknowns, rmse_mm};
 use track_fit::fitting::{
     FidelityCorrection, Fit, OnRound, Problem, Start, corrected_fit, modes, noise_inflation, wrench_inflation,
 };
+use track_fit::noise::KeypointNoise;
 use track_fit::sampling::{Budget, Draws, draws, gaussians_of};
 use track_fit::{Differences, FitError};
 
@@ -64,10 +68,13 @@ pub struct Refinement {
     pub best_fit: Vec<Fitted>,
     /// Root mean square distance of the best fit's keypoints from the measured ones, mm.
     pub best_fit_rmse_mm: f64,
-    /// Mean squared residual of the best fit in variances of the stated noise; about 1 if the model and its noise are right.
+    /// Mean squared residual of the best fit in variances of the used noise; about 1 if the model and its noise are right.
     pub best_fit_residual: f64,
-    /// Variance of the likelihood's noise in variances of the stated noise: 1, or that of the best fit's residuals if they leave
-    /// more than the stated noise.
+    /// Noise of the keypoints: stated, seen in the recordings, and used; none in files of earlier versions.
+    #[serde(default)]
+    pub noise: Option<KeypointNoise>,
+    /// Variance of the likelihood's noise in variances of the used noise: 1, or that of the best fit's residuals if they leave
+    /// more than the used noise.
     pub noise_inflation: f64,
     /// Variance of the likelihood's noise of the wrench in variances of the stated one, before `noise_inflation`: 1, or that of the best
     /// fit's residuals of the wrench.
@@ -111,9 +118,15 @@ impl Refinement {
                 100.0 * self.acceptance
             ));
         }
+        warnings.extend(self.noise.as_ref().and_then(KeypointNoise::doubt));
         if self.noise_inflation > 1.0 {
+            let is_overruled = self.noise.is_some_and(|noise| noise.is_overruled());
+            let noise = match is_overruled {
+                true => "this noise",
+                false => "the noise that the model file states (camera.keypoint_noise_px)",
+            };
             warnings.push(format!(
-                "the best fit leaves {:.1} times the noise that the model file states (camera.keypoint_noise_px): the intervals are those of this noise; find-effects may tell what the model lacks",
+                "the best fit leaves {:.1} times {noise}: the intervals are those of what it leaves; find-effects may tell what the model lacks",
                 self.noise_inflation.sqrt()
             ));
         }
@@ -167,7 +180,9 @@ pub fn refine(
         finer_fidelity: (settings.fidelity != Fidelity::Reference).then_some(Fidelity::Reference),
         seed,
     };
-    let episodes = measured.iter().map(|m| MeasuredEpisode::new(&model, m, &of_fits)).collect::<Result<Vec<_>, _>>()?;
+    let order = KeypointOrder::of(model.observation.drive);
+    let seen = KeypointNoise::stated(&model).by_recordings(measured, order);
+    let episodes = episodes_with(&model, seen, measured, &of_fits)?;
     let unknowns = Unknowns::of(&model, episodes.len());
     let counted = Counted { simulator, episodes: Cell::new(0) };
     let differences = Differences::new(&counted, &unknowns);
@@ -182,8 +197,15 @@ pub fn refine(
     // A simulator that cannot set what a model draws for each episode refuses each point: the first few tell.
     first_simulated(&problem, &known)?;
     let networks_rmse_mm = mean_rmse_mm(&problem, &known, &model, &mut on_round)?;
-    let modes = modes(&problem, known, &of_fits, &mut on_round)?;
-    let (corrected, modes, is_corrected) = corrected(&problem, modes, of_fits.finer_fidelity, &mut on_round)?;
+    let mut first = modes(&problem, known, &of_fits, &mut on_round)?;
+    // The residuals hold less motion than the recordings, and may show less noise than these.
+    let noise = seen.by_residuals(&episodes, &first[0]);
+    let episodes = episodes_with(&model, noise, measured, &of_fits)?;
+    let problem = Problem { episodes: &episodes, unknowns: problem.unknowns.clone(), ..problem };
+    if noise.used_px != seen.used_px {
+        first = modes(&problem, first.into_iter().map(|mode| mode.point).collect(), &of_fits, &mut on_round)?;
+    }
+    let (corrected, modes, is_corrected) = corrected(&problem, first, of_fits.finer_fidelity, &mut on_round)?;
     let (corrected, modes, wrench_inflation) = at_wrench_noise(&problem, (corrected, modes), &mut on_round)?;
     let problem = Problem { episodes: &corrected, unknowns: problem.unknowns.clone(), ..problem };
     let (drawn, modes) = drawn(&problem, modes, seed, &mut on_round)?;
@@ -201,6 +223,7 @@ pub fn refine(
         best_fit: fitted(&problem, &best.point),
         best_fit_rmse_mm: rmse_mm(offsets.iter()),
         best_fit_residual: best.cost / best.residuals.len() as f64,
+        noise: Some(noise),
         noise_inflation: drawn.inflation,
         wrench_inflation,
         networks_rmse_mm,
@@ -213,6 +236,17 @@ pub fn refine(
         simulations: counted.episodes.get(),
     };
     Ok(Refined { posterior, refinement, predictive })
+}
+
+/// Episodes with the noise that is used.
+fn episodes_with(
+    model: &Model,
+    noise: KeypointNoise,
+    measured: &[MeasuredTrack],
+    of_fits: &track_fit::Settings,
+) -> Result<Vec<MeasuredEpisode>, FitError> {
+    let model = noise.model(model);
+    measured.iter().map(|m| MeasuredEpisode::new(&model, m, of_fits)).collect()
 }
 
 /// Simulator that counts its episodes.
@@ -524,6 +558,12 @@ mod tests {
         assert!(refinement.modes == 2 && (350..650).contains(&short), "{short} of 1000 in {} modes", refinement.modes);
     }
 
+    /// Variance of the likelihood's noise in variances of the stated noise.
+    fn left(refinement: &Refinement) -> f64 {
+        let noise = refinement.noise.unwrap();
+        refinement.noise_inflation * (noise.used_px / noise.stated_px).powi(2)
+    }
+
     #[test]
     fn noise_that_contradicts_the_recording_is_overruled() {
         let (toy, mut model) = (Toy { gain: 0.1 }, model());
@@ -536,9 +576,17 @@ mod tests {
         let (right, _) = width(&model);
         model.camera.keypoint_noise_px /= 4.0;
         let (stated_too_low, refinement) = width(&model);
-        assert!((refinement.noise_inflation / 16.0 - 1.0).abs() < 0.3, "{}", refinement.noise_inflation);
+        assert!((left(&refinement) / 16.0 - 1.0).abs() < 0.3, "{}", left(&refinement));
         assert!((stated_too_low / right - 1.0).abs() < 0.2, "{stated_too_low} {right}");
-        assert!(refinement.warnings(None)[0].contains("times the noise that the model file states"));
+        let told = "the model file states 0.175 px of keypoint noise";
+        assert!(refinement.warnings(None)[0].starts_with(told), "{:?}", refinement.warnings(None));
+        // Four times the noise that the recording has.
+        model.camera.keypoint_noise_px *= 16.0;
+        let (stated_too_high, refinement) = width(&model);
+        assert!((left(&refinement) * 16.0 - 1.0).abs() < 0.5, "{}", left(&refinement));
+        assert!((stated_too_high / right - 1.0).abs() < 0.25, "{stated_too_high} {right}");
+        let told = "the model file states 2.80 px of keypoint noise";
+        assert!(refinement.warnings(None)[0].starts_with(told), "{:?}", refinement.warnings(None));
     }
 
     #[test]
@@ -552,7 +600,7 @@ mod tests {
         let Refined { posterior, refinement, .. } = refined(&model, &toy, &measured).unwrap();
         let modulus = &posterior.marginals().unwrap()[1];
         // The tracks hardly depend on the modulus.
-        assert!(refinement.noise_inflation > 10.0, "{}", refinement.noise_inflation);
+        assert!(left(&refinement) > 10.0, "{}", left(&refinement));
         assert!((0.8..1.15).contains(&(modulus.sd / 2e3)), "{modulus:?}");
     }
 
