@@ -19,7 +19,7 @@ pub use series::Series;
 use catenary_core::statistics::Z_95;
 use contrast::{Powers, powers};
 
-/// Greatest order of the differences. The sixth cancels a swing of a tenth of the frame rate to 1 / 1000 of its amplitude.
+/// Greatest order of the differences. The sixth leaves 1 / 500 of a swing of a tenth of the frame rate.
 const MOST_ORDER: usize = 6;
 /// Ratio of the power at every second frame to that at each frame between whose limits noise counts as white: 1 for white
 /// noise, 2 for noise with a long correlation, 0 for a wave of half the frame rate.
