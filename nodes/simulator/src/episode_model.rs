@@ -27,6 +27,8 @@ pub struct EpisodeModel {
     pub wrench: Option<WrenchSettings>,
     /// Slip of the strands to which the effect of their friction refers.
     pub strand_slip: StrandSlip,
+    /// Place of a bend of the unloaded object, as a fraction of the length from the grip.
+    pub rest_bend_place: f64,
     /// Place and frequency of the templates.
     pub templates: Companions,
     /// Place and frequency of the unlisted effects.

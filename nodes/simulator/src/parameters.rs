@@ -273,6 +273,7 @@ impl<'r> Values<'r> {
             camera: CameraSettings::new(model.camera.view, model.camera.keypoint_noise_px),
             wrench: model.observation.wrench.map(|noise| WrenchSettings::new(noise.sds())),
             strand_slip: StrandSlip::default(),
+            rest_bend_place: Companions::default().place,
             templates: Companions::default(),
             unlisted: Companions::default(),
         };

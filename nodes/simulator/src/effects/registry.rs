@@ -2,12 +2,12 @@
 
 use super::effect::Effect;
 use super::{
-    arm_delay, arm_lag, arm_standing_error, axial_law, camera_offset_x, camera_offset_z, camera_scale, camera_tilt,
-    creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle, grip_compliance,
-    grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang, quadratic_drag,
-    rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset, start_velocity, stiffness_gradient,
-    strand_friction, table_adhesion, table_friction, table_height, templates, tip_load, tip_mass, unlisted, wrench_bias,
-    wrench_delay,
+    arm_delay, arm_lag, arm_standing_error, axial_law, axial_stiffness, camera_offset_x, camera_offset_z, camera_scale,
+    camera_tilt, creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle,
+    grip_compliance, grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang,
+    quadratic_drag, rest_bend, rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset, start_velocity,
+    stiffness_gradient, strand_friction, table_adhesion, table_friction, table_height, templates, tip_load, tip_mass,
+    unlisted, wrench_bias, wrench_delay,
 };
 use std::sync::{Arc, LazyLock};
 
@@ -39,11 +39,14 @@ impl Registry {
                 Arc::new(creep::Creep),
                 Arc::new(rest_curvature::RestCurvature),
                 Arc::new(rest_curvature_gradient::RestCurvatureGradient),
+                Arc::new(rest_bend::place()),
+                Arc::new(rest_bend::RestBend),
                 Arc::new(stiffness_gradient::StiffnessGradient),
                 Arc::new(strand_friction::slip_turn()),
                 Arc::new(strand_friction::slip_spread()),
                 Arc::new(strand_friction::StrandFriction),
                 Arc::new(axial_law::AxialLawChange),
+                Arc::new(axial_stiffness::AxialStiffness),
                 Arc::new(density::Density),
                 // forces
                 Arc::new(tip_mass::TipMass),

@@ -41,7 +41,7 @@ pub(super) fn offset() -> Companion {
     let about = About {
         name: OFFSET,
         title: "distance of the load's centre from the tip",
-        description: "distance of the centre of the load at the tip from the tip, along the tangent; nothing alone",
+        description: "distance of the centre of the load at the tip from the tip, along the tangent; nothing without tip_load_kg",
         unit: "m",
         hook: Hook::Force,
         // From a weight on the tip to one on a hook below it. A weight pushed over the end has its centre before the tip.
@@ -56,7 +56,7 @@ pub(super) fn gyration_radius() -> Companion {
     let about = About {
         name: GYRATION_RADIUS,
         title: "radius of gyration of the load",
-        description: "root of turning inertia about the centre over mass of the load at the tip; nothing alone",
+        description: "root of turning inertia about the centre over mass of the load at the tip; nothing without tip_load_kg",
         unit: "m",
         hook: Hook::Force,
         // From a steel ball of 10 mm (3 mm) to a rod of 0.3 m (90 mm).

@@ -80,7 +80,8 @@ fn sensitivities_are_the_derivatives_of_tracks_over_the_table() {
     // Two effects are random, one changes the mesh, and companions do nothing alone: they have no derivative of this kind.
     let left_out = ["dropped_frames", "keypoint_noise_px", "overhang_m"];
     let is_compared = |name: &str| !left_out.contains(&name) && !Registry::shipped().is_companion(name);
-    let expected = Registry::shipped().effects().filter(|e| e.concerns(&model) && is_compared(e.about().name)).count() + 2;
+    let expected =
+        Registry::shipped().effects().filter(|e| e.concerns(&model) && is_compared(e.about().name)).count() + 2;
     assert_eq!(report.rows.len(), expected, "{report:#?}");
     assert!(report.passes, "{report:#?}");
 }

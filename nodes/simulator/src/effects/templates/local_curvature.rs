@@ -5,10 +5,16 @@ use super::super::term_effect::TermEffect;
 use super::window::Window;
 use super::{PLACE, signed};
 use crate::beam::{ElementMaterial, ElementPlace, MaterialTerm};
+use crate::episode_model::EpisodeModel;
 use std::sync::Arc;
 
 /// Turn in rad, spread over the window.
 struct Bend(f64, Window);
+
+/// Adds a bend of `turn_rad` at `place`, a fraction of the length from the grip, to the shape of an unloaded object.
+pub fn bend(episode: &mut EpisodeModel, turn_rad: f64, place: f64) {
+    episode.terms.materials.push(Arc::new(Bend(turn_rad, Window::at(place))));
+}
 
 impl MaterialTerm for Bend {
     fn change(&self, place: &ElementPlace, element: &mut ElementMaterial) {
@@ -31,10 +37,7 @@ pub fn effect() -> TermEffect {
             [1.0, 3.0],
         ),
         &[PLACE],
-        |magnitude, episode| {
-            let window = Window::at(episode.templates.place);
-            episode.terms.materials.push(Arc::new(Bend(magnitude, window)));
-        },
+        |magnitude, episode| bend(episode, magnitude, episode.templates.place),
     )
 }
 

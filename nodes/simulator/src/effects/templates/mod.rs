@@ -20,6 +20,8 @@ mod tests;
 mod wave;
 mod window;
 
+pub(super) use local_curvature::bend;
+
 use super::companion::Companion;
 use super::effect::{About, Effect, Hook, uniform};
 use axis::Axis;
