@@ -15,6 +15,7 @@ use crate::launch::args::{LaunchArgs, StatusArgs};
 use crate::mask::args::MaskArgs;
 use crate::node::args::NodeArgs;
 use crate::plan::args::PlanArgs;
+use crate::propose::args::ProposeArgs;
 use crate::segmenter::args::{LabelArgs, TrainSegmenterArgs};
 use crate::simulate::args::SimulateArgs;
 use crate::study::args::StudyArgs;
@@ -63,6 +64,8 @@ pub enum Command {
     Infer(InferArgs),
     /// Find where model and recordings disagree, and why
     FindEffects(FindEffectsArgs),
+    /// Propose the motions to record next, and what they promise
+    Propose(ProposeArgs),
     /// Train a policy in simulation over a prior or a posterior
     Train(TrainArgs),
     /// Search the best open-loop plan of a task, and score it

@@ -27,6 +27,7 @@ mod node;
 mod options;
 mod plan;
 mod program;
+mod propose;
 mod report;
 mod segmenter;
 mod simulate;

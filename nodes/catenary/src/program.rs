@@ -4,7 +4,7 @@ use crate::cli::{Cli, Command};
 use crate::exit::{Interrupted, Misfit, Unseen, WrongInput};
 use crate::{
     bags, bench, demo, deploy, doctor, effects, evaluate, find_effects, import_track, infer, install, launch, mask,
-    node, plan, segmenter, simulate, study, train, train_tracker,
+    node, plan, propose, segmenter, simulate, study, train, train_tracker,
 };
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -100,6 +100,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         Command::FindEffects(arguments) => find_effects::run(arguments),
         Command::Train(arguments) => train::run(arguments),
         Command::Plan(arguments) => plan::run(arguments),
+        Command::Propose(arguments) => propose::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::ImportTrack(arguments) => import_track::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),

@@ -7,7 +7,7 @@ use catenary_core::episode::MeasuredTrack;
 use catenary_core::model::DriveKind;
 use catenary_core::simulator::StartShape;
 use catenary_core::track::End;
-use catenary_core::{Drive, Fidelity, Frame, KeypointOrder, Model, SimulationRequest, Track};
+use catenary_core::{Drive, Fidelity, Frame, GripTrajectory, KeypointOrder, Model, SimulationRequest, Track};
 use serde::Serialize;
 
 /// Measured episode with the request that simulates it.
@@ -125,6 +125,22 @@ impl MeasuredEpisode {
             wrench_sd: model.observation.wrench.map(|noise| noise.sds()),
             correction: Vec::new(),
         }
+    }
+
+    /// Planned episode of a path of the hand, from the object at rest, seen at the model's frame period and without measurements.
+    pub fn planned_along(model: &Model, path: GripTrajectory, settings: &Settings) -> Self {
+        let duration_s = path.times_s().last().copied().unwrap_or(0.0);
+        let period_s = model.observation.frame_period_s;
+        // A last frame at the very end counts, whatever the rounding.
+        let frames = (duration_s / period_s + 1e-9).floor() as usize;
+        let planned = Self::planned(model, &[], settings);
+        let template = SimulationRequest {
+            drive: Drive::Grip(path),
+            frame_times_s: (0..=frames).map(|i| i as f64 * period_s).collect(),
+            ..planned.template
+        };
+        // The path of the hand is given, and not predicted.
+        Self { template, pose_sd_m: None, order: KeypointOrder::of(DriveKind::Grip), ..planned }
     }
 
     /// Episode with another measured track.
