@@ -305,7 +305,8 @@ mod tests {
     fn companions_cost_the_share_of_their_prior_that_the_data_leave() {
         let factor = |known: f64, correlation: f64| {
             let (group, fit) = group_fit([known, 500.0], correlation);
-            log_bayes_factor(&[group.clone()], &Quadratic::of(&fit, &[group]).unwrap(), 140.0)
+            let group = [group];
+            log_bayes_factor(&group, &Quadratic::of(&fit, &group).unwrap(), 140.0)
         };
         // The search range of the magnitude is 6 wide, and the prior 2.
         let alone = 0.5 * 40.0 + (TAU.sqrt() / 500.0 * 6.0 / 2.0).ln();
