@@ -302,7 +302,7 @@ pub mod tests {
         // The repaired model's estimate of a number replaces that of the explanation.
         let estimate = Estimate { name: "strand_slip_turn_rad".into(), value: 0.2, q05: 0.15, q95: 0.3 };
         finding.repaired = Some(fitness(7.4, 100.0, vec![estimate]));
-        let expected = "Friction between strands of 29° (19 to 38) [turn at which strands slip of 11.5° (8.6 to 17.2), spread of the turns at which strands slip of 12 (2 to 80)] is missing from the model.";
+        let expected = "Friction between strands of 29° (19 to 38) [turn at which strands slip of 11.5° (8.6 to 17.2), spread of the turns at which strands slip of 12 (2.0 to 80)] is missing from the model.";
         assert_eq!(answer(&finding, 1)[0], expected);
     }
 
