@@ -5,6 +5,7 @@
 //! Each node carries x, z and the section's angle. Each element has two nodes and one integration point, with the
 //! strains of [`BeamParameters`]. Time runs in fixed steps; each step minimises an incremental potential. The code is
 //! pure `f64`: equal inputs give equal bits. Nothing is allocated after [`Beam::new`].
+mod backward_difference;
 mod block_tridiagonal;
 mod body;
 mod contact;

@@ -261,7 +261,11 @@ impl Increment {
             *diagonal = [stiffness[0], 0.0, stiffness[1], 0.0, 0.0, stiffness[2]];
         }
         if self.load.acts() {
-            potential += self.load.add(self.rate, &position[position.len() - 1], system);
+            let last = position.len() - 1;
+            let response = self.load.respond(self.rate, &position[last]);
+            potential += response.potential;
+            (0..3).for_each(|i| system.gradient[last][i] += response.gradient[i]);
+            (0..6).for_each(|i| system.matrix.diagonal[last][i] += response.hessian[i]);
         }
         if self.drag {
             potential += self.add_drag(mesh, position, system);

@@ -1,5 +1,6 @@
 //! Time step: Newton's method on the incremental potential.
 
+use super::backward_difference::BackwardDifference;
 use super::body::Beam;
 use super::discretisation::Scheme;
 use super::element;
@@ -23,33 +24,6 @@ const SLACK: [f64; 2] = [1e-13, 1e-10];
 /// Growth accepted with friction between strands, close to rounding. A strand that changes between sticking and
 /// slipping changes the potential by 1e-11 J; with more slack Newton's method would switch it back and forth for ever.
 const STRANDS_SLACK: [f64; 2] = [1e-16, 1e-13];
-
-/// Backward difference: the rate of y is `c0` y(now) + `c1` y(one step ago) + `c2` y(two steps ago).
-#[derive(Debug, Clone, Copy)]
-pub(super) struct BackwardDifference {
-    pub c0: f64,
-    pub c1: f64,
-    pub c2: f64,
-}
-
-impl BackwardDifference {
-    fn new(scheme: Scheme, step_s: f64) -> Self {
-        match scheme {
-            Scheme::ImplicitEuler => Self { c0: 1.0 / step_s, c1: -1.0 / step_s, c2: 0.0 },
-            Scheme::Bdf2 => Self { c0: 1.5 / step_s, c1: -2.0 / step_s, c2: 0.5 / step_s },
-        }
-    }
-
-    /// Part of the rate that the past fixes.
-    #[inline(always)]
-    fn history(&self, one_ago: &[f64; 3], two_ago: &[f64; 3]) -> [f64; 3] {
-        let mut history = [0.0; 3];
-        for i in 0..3 {
-            history[i] = self.c1 * one_ago[i] + self.c2 * two_ago[i];
-        }
-        history
-    }
-}
 
 impl Beam {
     /// Advances by one time step. The clamped node goes to `grip`.

@@ -4,9 +4,8 @@
 //! the same backward differences as those of the nodes, so that a step adds m a0^2 |r(q) - target|^2 / 2 to the incremental
 //! potential. The turning inertia about the centre adds to that of the last node.
 
+use super::backward_difference::BackwardDifference;
 use super::node::Node;
-use super::potential::System;
-use super::stepper::BackwardDifference;
 
 /// Rigid load at the tip.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -36,6 +35,15 @@ impl TipLoad {
         let (sin, cos) = tip[2].sin_cos();
         [rate[0] - self.offset_m * rate[2] * sin, rate[1] + self.offset_m * rate[2] * cos]
     }
+}
+
+/// Potential of a load in J, with gradient and Hessian by x, z and angle of the last node. The Hessian holds xx, xz, zz, x angle, z
+/// angle and angle angle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LoadResponse {
+    pub potential: f64,
+    pub gradient: [f64; 3],
+    pub hessian: [f64; 6],
 }
 
 /// Motion of the load's centre of mass.
@@ -82,26 +90,20 @@ impl LoadMotion {
         self.target = [0, 1].map(|i| centre[i] + gravity_m_s2[i] * step_s * step_s);
     }
 
-    /// Adds the load to gradient and Hessian at the last node, `tip`. Returns its part of the potential in J.
+    /// Returns potential, gradient and Hessian of the load with the last node at `tip`.
     #[inline(always)]
-    pub fn add(&self, rate: f64, tip: &Node, system: &mut System) -> f64 {
+    pub fn respond(&self, rate: f64, tip: &Node) -> LoadResponse {
         let stiffness = self.load.mass_kg * rate * rate;
         let (sin, cos) = tip[2].sin_cos();
         let (along, across) = (self.load.offset_m * cos, self.load.offset_m * sin);
-        let gap = [tip[0] + along - self.target[0], tip[1] + across - self.target[1]];
-        let last = system.gradient.len() - 1;
-        let gradient = &mut system.gradient[last];
-        gradient[0] += stiffness * gap[0];
-        gradient[1] += stiffness * gap[1];
-        gradient[2] += stiffness * (along * gap[1] - across * gap[0]);
-        let diagonal = &mut system.matrix.diagonal[last];
-        diagonal[0] += stiffness;
-        diagonal[2] += stiffness;
-        diagonal[3] -= stiffness * across;
-        diagonal[4] += stiffness * along;
+        let [gap_x, gap_z] = [tip[0] + along - self.target[0], tip[1] + across - self.target[1]];
         // The centre moves on a circle about the tip, which turns the force's lever.
-        diagonal[5] += stiffness * (self.load.offset_m * self.load.offset_m - along * gap[0] - across * gap[1]);
-        0.5 * stiffness * (gap[0] * gap[0] + gap[1] * gap[1])
+        let turn = self.load.offset_m * self.load.offset_m - along * gap_x - across * gap_z;
+        LoadResponse {
+            potential: 0.5 * stiffness * (gap_x * gap_x + gap_z * gap_z),
+            gradient: [gap_x, gap_z, along * gap_z - across * gap_x].map(|g| stiffness * g),
+            hessian: [1.0, 0.0, 1.0, -across, along, turn].map(|h| stiffness * h),
+        }
     }
 
     /// Ends a step with the last node at `tip`.

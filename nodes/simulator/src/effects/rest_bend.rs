@@ -71,6 +71,6 @@ mod tests {
         episode.beam.gravity_m_s2 = [0.0, -1e-6];
         let beam = fixtures::held(&episode, 40, 0.0);
         let angle = |fraction: f64| beam.nodes()[(40.0 * fraction) as usize][2];
-        assert!(angle(0.1).abs() < 1e-6 && (angle(0.5) - 0.4).abs() < 1e-6, "{} and {}", angle(0.1), angle(0.5));
+        assert!(angle(0.1).abs() < 1e-4 && (angle(0.5) - 0.4).abs() < 1e-4, "{} and {}", angle(0.1), angle(0.5));
     }
 }

@@ -95,7 +95,12 @@ fn sensitivities_are_the_derivatives_of_a_cable_whose_strands_rub() {
 fn sensitivities_are_the_derivatives_of_a_cable_whose_tip_carries_a_load() {
     let mut model = cable();
     let load = [("tip_load_kg", 0.2), ("tip_load_offset_m", 0.05), ("tip_load_gyration_radius_m", 0.03)];
-    model.parameters.extend(load.map(|(name, value)| (name.to_owned(), value)));
+    let mut parameters = model.theta.parameters().to_vec();
+    for (name, value) in load {
+        let prior = Prior::Uniform { low: 0.5 * value, high: 1.5 * value };
+        parameters.push(Parameter { name: name.into(), prior });
+    }
+    model.theta = ParameterSpace::new(parameters).unwrap();
     of_a_cable_whose_strands_rub(&model, load.map(|(name, _)| name));
 }
 
