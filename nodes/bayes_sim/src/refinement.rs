@@ -6,6 +6,8 @@
 //! file: independent Gaussian noise of `camera.keypoint_noise_px` on each keypoint coordinate, and of `observation.wrench` on the wrench.
 //! Noise of keypoints that the recordings contradict is overruled ([`KeypointNoise`]).
 
+mod episodes;
+
 use crate::diagnostics::{self, PredictiveCheck, Unchecked};
 use crate::sequential::PART;
 use crate::settings::Settings;
@@ -14,13 +16,12 @@ use catenary_core::simulator::Until;
 use catenary_core::{
     Fidelity, KeypointOrder, Model, Posterior, SimulationRequest, Simulator, SimulatorError, Track, seed,
 };
+use episodes::{at_wrench_noise, corrected, episodes_with};
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
 use std::ops::ControlFlow;
-use track_fit::data::{MeasuredEpisode, Offset, Scope, Unknowns, rmse_mm};
-use track_fit::fitting::{
-    FidelityCorrection, Fit, OnRound, Problem, Start, corrected_fit, modes, noise_inflation, wrench_inflation,
-};
+use track_fit::data::{Offset, Scope, Unknowns, rmse_mm};
+use track_fit::fitting::{Fit, OnRound, Problem, Start, modes, noise_inflation};
 use track_fit::noise::KeypointNoise;
 use track_fit::sampling::{Budget, Draws, draws, gaussians_of};
 use track_fit::{Differences, FitError};
@@ -238,17 +239,6 @@ pub fn refine(
     Ok(Refined { posterior, refinement, predictive })
 }
 
-/// Episodes with the noise that is used.
-fn episodes_with(
-    model: &Model,
-    noise: KeypointNoise,
-    measured: &[MeasuredTrack],
-    of_fits: &track_fit::Settings,
-) -> Result<Vec<MeasuredEpisode>, FitError> {
-    let model = noise.model(model);
-    measured.iter().map(|m| MeasuredEpisode::new(&model, m, of_fits)).collect()
-}
-
 /// Simulator that counts its episodes.
 struct Counted<'a> {
     simulator: &'a dyn Simulator,
@@ -350,59 +340,6 @@ fn simulated(problem: &Problem<'_>, points: &[Vec<f64>], on_round: OnRound<'_>) 
 /// Sum of two offsets of a frame.
 fn added(a: Offset, b: Offset) -> Offset {
     a.zip(b).map(|(a, b)| std::array::from_fn(|i| a[i] + b[i]))
-}
-
-/// Episodes and modes with the discretisation error at the best mode taken out, and true if it could be. The correction
-/// serves all modes: it changes little between them.
-fn corrected(
-    problem: &Problem<'_>,
-    modes: Vec<Fit>,
-    finer: Option<Fidelity>,
-    on_round: OnRound<'_>,
-) -> Result<(Vec<MeasuredEpisode>, Vec<Fit>, bool), FitError> {
-    let uncorrected = |modes| (problem.episodes.to_vec(), modes, false);
-    let Some(finer) = finer else { return Ok(uncorrected(modes)) };
-    let best = corrected_fit(problem, modes[0].clone(), finer, on_round)?;
-    if best.correction != FidelityCorrection::Applied {
-        return Ok(uncorrected(modes));
-    }
-    let own = Problem { episodes: &best.episodes, unknowns: problem.unknowns.clone(), ..*problem };
-    let start = |fit: &Fit| Start { point: fit.point.clone(), tracks: own.measured() };
-    let mut all = vec![best.fit];
-    if modes.len() > 1 {
-        // A further mode that the correction makes impossible is lost alone.
-        let further = match own.fit(modes[1..].iter().map(start).collect(), on_round) {
-            Err(FitError::NoFit(_)) => Vec::new(),
-            fits => fits?,
-        };
-        for fit in further.into_iter().flatten() {
-            if all.iter().all(|known: &Fit| own.unknowns.are_apart(&known.point, &fit.point)) {
-                all.push(fit);
-            }
-        }
-        all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    }
-    Ok((best.episodes, all, true))
-}
-
-/// Episodes and modes with the noise of the wrench that the best mode leaves, and that in variances of the stated noise: 1 if it leaves no more.
-fn at_wrench_noise(
-    problem: &Problem<'_>,
-    (episodes, modes): (Vec<MeasuredEpisode>, Vec<Fit>),
-    on_round: OnRound<'_>,
-) -> Result<(Vec<MeasuredEpisode>, Vec<Fit>, f64), FitError> {
-    let of = |episodes| Problem { episodes, unknowns: problem.unknowns.clone(), ..*problem };
-    let inflation = wrench_inflation(&modes[0], &of(&episodes).channels());
-    if inflation == 1.0 {
-        return Ok((episodes, modes, inflation));
-    }
-    let wider: Vec<MeasuredEpisode> = episodes.iter().map(|e| e.with_wrench_variance(inflation)).collect();
-    let own = of(&wider);
-    let start = |fit: &Fit| Start { point: fit.point.clone(), tracks: own.measured() };
-    let fits = own.fit(modes.iter().map(start).collect(), on_round)?;
-    let mut again: Vec<Fit> = fits.into_iter().flatten().collect();
-    again.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    if again.is_empty() { Ok((episodes, modes, 1.0)) } else { Ok((wider, again, inflation)) }
 }
 
 /// Draws of the posterior, and the modes with the best fit that the walkers led to.
@@ -508,7 +445,7 @@ mod tests {
     /// Mean and standard deviation of each parameter's unit coordinate, by a grid.
     fn exact(model: &Model, simulator: &Toy, measured: &MeasuredTrack) -> [[f64; 2]; 2] {
         let of_fits = track_fit::Settings { fidelity: Fidelity::Standard, ..track_fit::Settings::default() };
-        let episodes = [MeasuredEpisode::new(model, measured, &of_fits).unwrap()];
+        let episodes = [track_fit::data::MeasuredEpisode::new(model, measured, &of_fits).unwrap()];
         let problem = Problem::of(model, &episodes, simulator, 1);
         let at = |i: u32| (f64::from(i) + 0.5) / 200.0;
         let grid: Vec<Vec<f64>> = (0..200).flat_map(|i| (0..200).map(move |j| vec![at(i), at(j)])).collect();
@@ -580,11 +517,11 @@ mod tests {
         assert!((stated_too_low / right - 1.0).abs() < 0.2, "{stated_too_low} {right}");
         let told = "the model file states 0.175 px of keypoint noise";
         assert!(refinement.warnings(None)[0].starts_with(told), "{:?}", refinement.warnings(None));
-        // Four times the noise that the recording has.
+        // Four times the noise that the recording has. The upper end of what twenty frames tell of it is used.
         model.camera.keypoint_noise_px *= 16.0;
         let (stated_too_high, refinement) = width(&model);
-        assert!((left(&refinement) * 16.0 - 1.0).abs() < 0.5, "{}", left(&refinement));
-        assert!((stated_too_high / right - 1.0).abs() < 0.25, "{stated_too_high} {right}");
+        assert!((0.8..2.5).contains(&(left(&refinement) * 16.0)), "{}", left(&refinement));
+        assert!((0.8..1.6).contains(&(stated_too_high / right)), "{stated_too_high} {right}");
         let told = "the model file states 2.80 px of keypoint noise";
         assert!(refinement.warnings(None)[0].starts_with(told), "{:?}", refinement.warnings(None));
     }
