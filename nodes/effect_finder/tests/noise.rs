@@ -80,7 +80,7 @@ fn recording(model: &Model, rate_hz: usize) -> MeasuredTrack {
                 scaled.map(|v| v + NOISE_PX / HALF_MASK_PX * normal())
             });
             let [x, z] = hand(time_s);
-            frames.push(Frame { time_s, dlo, target: [0.0; 2], eef: [x, z, 0.0], action: [0.0; 2] });
+            frames.push(Frame { time_s, dlo, target: [0.0; 2], eef: [x, z, 0.0], action: [0.0; 2], wrench: None });
         }
         // Midpoint rule.
         let middle = acceleration(time_s, &angle, &speed);

@@ -162,6 +162,9 @@ pub fn named(ranking: &Ranking, settings: &Settings) -> String {
     }
 }
 
+/// Meaning of the intervals of a group of numbers, which may trade off along a curve.
+pub const LOCAL_INTERVALS: &str = "the intervals of the numbers of one effect are local, and may be too narrow where the numbers trade off: `catenary infer`, with their own priors in the model, gives their posterior";
+
 /// Test of a repaired model, beside the present one.
 pub fn repaired(hypothesis: &Hypothesis, present: &Fitness, fitness: &Fitness, is_gap: bool) -> String {
     let titles: Vec<&str> = hypothesis.candidates.iter().map(|c| c.title.as_str()).collect();

@@ -87,6 +87,9 @@ impl Search<'_> {
             return Ok(Explained { repair: Some(evidence), named: None });
         }
         outcome.finding.separation = self.separation(&alike)?;
+        if best.candidates.iter().any(|c| !c.companions.is_empty()) {
+            self.reporter.conclude(Stage::Repair, sentences::LOCAL_INTERVALS.to_owned())?;
+        }
         let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
         outcome.model = Some(repaired(self.question.model, &best, &posterior)?);
         Ok(Explained { repair: Some(evidence), named: Some(best) })
