@@ -16,7 +16,7 @@
 //!         let track = |(episode, theta): (u64, &Vec<f64>)| {
 //!             let mut rng = seed::rng(request.seed, episode);
 //!             let dlo = [0.0, 0.2, 0.4, 0.6].map(|x| [x, theta[0] * x + 0.02 * (rng.random::<f64>() - 0.5)]);
-//!             let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] };
+//!             let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None };
 //!             Track { frames: vec![frame], end: End::Complete }
 //!         };
 //!         Ok((request.first_episode..).zip(&request.thetas).map(track).collect())

@@ -43,7 +43,14 @@ impl World {
                 let x_m = FIRST_M * u[0] * wave(0, i, k) + grip_m * second_m + shift_m + normal(NOISE_M);
                 [x_m, 0.1 * (k as f64 + 1.0) + shift_m + normal(NOISE_M)]
             });
-            Frame { time_s: 0.1 * i as f64, dlo, target: [0.0; 2], eef: [grip_m, 0.0, 0.0], action: [0.0; 2] }
+            Frame {
+                time_s: 0.1 * i as f64,
+                dlo,
+                target: [0.0; 2],
+                eef: [grip_m, 0.0, 0.0],
+                action: [0.0; 2],
+                wrench: None,
+            }
         };
         Track { frames: (0..FRAMES).map(&mut frame).collect(), end: End::Complete }
     }

@@ -46,7 +46,7 @@ fn track(count: usize, rate_hz: f64, swing_px: f64, noise: Noise, number: u64) -
         }
         let places = swing(*time_s, swing_px, 1.0);
         let dlo = std::array::from_fn(|k| std::array::from_fn(|i| (places[k][i] + errors[k][i]) / HALF_MASK_PX));
-        Frame { time_s: *time_s, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2] }
+        Frame { time_s: *time_s, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None }
     };
     Track { frames: times.iter().enumerate().map(frame).collect(), end: End::Complete }
 }
