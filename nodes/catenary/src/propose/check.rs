@@ -1,6 +1,6 @@
 //! Check of a proposal: recordings of its motions are simulated with noise, and fitted.
 
-use super::Planner;
+use super::planner::Planner;
 use catenary_core::seed;
 use serde::Serialize;
 use std::ops::ControlFlow;

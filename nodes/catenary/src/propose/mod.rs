@@ -2,6 +2,7 @@
 
 pub mod args;
 mod check;
+mod planner;
 
 use crate::exit::{Interrupted, WrongInput};
 use crate::inputs::{model_file, posterior_file};
@@ -12,11 +13,10 @@ use args::ProposeArgs;
 use catenary_core::{Fidelity, GripTrajectory, Model};
 use catenary_shell::{Shutdown, files};
 use catenary_simulator::{BeamSimulator, workers};
+use planner::Planner;
 use serde::Serialize;
-use std::ops::ControlFlow;
 use std::path::Path;
 use track_fit::FitError;
-use track_fit::data::MeasuredEpisode;
 use track_fit::design::{DETERMINED, Information, Motion, Proposal, motions, promised, propose};
 use track_fit::fitting::Problem;
 
@@ -48,38 +48,6 @@ struct Report {
     motions: Vec<Row>,
     parameters: Vec<Promise>,
     check: check::Check,
-}
-
-/// What all steps need.
-pub(crate) struct Planner<'a> {
-    pub model: &'a Model,
-    pub simulator: &'a BeamSimulator,
-    pub settings: track_fit::Settings,
-    pub shutdown: &'a Shutdown,
-}
-
-impl Planner<'_> {
-    /// Fitting problem of recordings of these paths, which are not measured yet.
-    pub fn episodes(&self, paths: &[&GripTrajectory]) -> Vec<MeasuredEpisode> {
-        let planned =
-            |path: &&GripTrajectory| MeasuredEpisode::planned_along(self.model, (*path).clone(), &self.settings);
-        paths.iter().map(planned).collect()
-    }
-
-    /// Point of these parameters, with what is drawn for each episode at the middle of its prior.
-    pub fn point(&self, problem: &Problem<'_>, theta: &[f64]) -> Vec<f64> {
-        let unknowns = &problem.unknowns;
-        let mut point = vec![0.5; unknowns.columns()];
-        for (i, (value, unknown)) in theta.iter().zip(unknowns.list()).enumerate() {
-            point[unknowns.column(i, 0)] = unknown.prior.to_unit(*value).clamp(0.0, 1.0);
-        }
-        point
-    }
-
-    /// Answer of a round: whether to go on.
-    pub fn go_on(&self) -> ControlFlow<()> {
-        if self.shutdown.is_triggered() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    }
 }
 
 /// Compares motions, and checks the best two in simulation.
