@@ -53,7 +53,7 @@ struct Report {
 /// Compares motions, and checks the best two in simulation.
 pub fn run(arguments: &ProposeArgs) -> Result<()> {
     let model = model_file::read(&arguments.model)?;
-    if !(model.camera.keypoint_noise_px > 0.0) {
+    if model.camera.keypoint_noise_px <= 0.0 {
         let got = model.camera.keypoint_noise_px;
         let name = arguments.model.display();
         return Err(WrongInput::error(format!("{name}: camera.keypoint_noise_px: expected more than 0, got {got}")));
