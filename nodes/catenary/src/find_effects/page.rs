@@ -293,7 +293,7 @@ fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
         .iter()
         .map(|e| {
             vec![
-                sizes(e),
+                numbers(e),
                 percent(e.probability),
                 percent(e.probability_in_part),
                 plain(e.log_bayes_factor, 1),
@@ -308,8 +308,17 @@ fn explanations(page: &mut Page, finding: &Finding) -> Result<()> {
     })
 }
 
-/// Effects of an explanation with their sizes.
+/// Effects of an explanation with their sizes. A picture has no room for companions.
 fn sizes(e: &Explanation) -> String {
+    let one = |m: &Magnitude| {
+        let quantity = Quantity::of(&m.name);
+        format!("{} {}", quantity.title, quantity.spread(m.value, m.sd))
+    };
+    e.effects.iter().map(one).collect::<Vec<_>>().join(" with ")
+}
+
+/// Effects of an explanation with their sizes and those of their companions.
+fn numbers(e: &Explanation) -> String {
     let one = |m: &Magnitude| {
         let quantity = Quantity::of(&m.name);
         let companion = |c: &CompanionValue| {
