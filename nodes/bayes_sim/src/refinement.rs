@@ -194,7 +194,7 @@ pub fn refine(
     };
     let outside = |reason| FitError::NoFit(format!("the networks' posterior: {reason}"));
     let thetas = networks.sample(FROM_NETWORKS, seed).map_err(outside)?;
-    let known: Vec<Vec<f64>> = thetas.iter().map(|theta| point_of(&problem, theta)).collect();
+    let known: Vec<Vec<f64>> = thetas.iter().map(|theta| problem.unknowns.point_at(theta)).collect();
     // A simulator that cannot set what a model draws for each episode refuses each point: the first few tell.
     first_simulated(&problem, &known)?;
     let networks_rmse_mm = mean_rmse_mm(&problem, &known, &model, &mut on_round)?;
@@ -276,16 +276,6 @@ fn fitted(problem: &Problem<'_>, point: &[f64]) -> Vec<Fitted> {
         }
     }
     all
-}
-
-/// Point with these parameters, and what is drawn for each episode at the middle of its prior.
-fn point_of(problem: &Problem<'_>, theta: &[f64]) -> Vec<f64> {
-    let unknowns = &problem.unknowns;
-    let mut point = vec![0.5; unknowns.columns()];
-    for (i, (value, unknown)) in theta.iter().zip(unknowns.list()).enumerate() {
-        point[unknowns.column(i, 0)] = unknown.prior.to_unit(*value).clamp(0.0, 1.0);
-    }
-    point
 }
 
 /// Returns the error of the simulator if it can simulate none of the first points.

@@ -5,6 +5,8 @@
 //! report. Its Kolmogorov-Smirnov test has an exact p-value that refuses ties, which ranks have, and overflows from 144
 //! values on; its asymptotic one has no correction for few values: at 60 values it returns 0.057 where 0.05 is right.
 
+/// Standard normal quantile of a two-sided interval of 90 %.
+pub const Z_90: f64 = 1.645;
 /// Standard normal quantile of a two-sided interval of 95 %.
 pub const Z_95: f64 = 1.959_964;
 

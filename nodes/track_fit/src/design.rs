@@ -11,14 +11,10 @@ pub use motions::{Motion, motions};
 
 use crate::data::{MeasuredEpisode, Scope};
 use crate::error::FitError;
-use crate::fitting::{Fit, OnRound, Problem, Start};
-use catenary_core::statistics::median_high;
+use crate::fitting::{Fit, OnRound, PRIOR_PRECISION, Problem, Start};
+use catenary_core::statistics::{Z_90, median_high};
 use nalgebra::DMatrix;
 
-/// Precision of a unit coordinate without data: a uniform distribution on 0 to 1 has variance 1/12.
-const PRIOR_PRECISION: f64 = 12.0;
-/// Half width of a 90 % interval of a normal distribution, in standard deviations.
-const INTERVAL_SDS: f64 = 1.645;
 /// Width of the 90 % interval of a parameter, as a share of that of its prior, at which recordings have determined it.
 pub const DETERMINED: f64 = 0.25;
 
@@ -132,7 +128,7 @@ pub fn propose(found: &[Vec<Option<Information>>], durations_s: &[f64]) -> Optio
 
 /// Half widths of the 90 % intervals, in unit coordinates, that recordings with these informations promise.
 pub fn promised(all: &[&Information]) -> Option<Vec<f64>> {
-    Some(Information::sds(all)?.into_iter().map(|sd| INTERVAL_SDS * sd).collect())
+    Some(Information::sds(all)?.into_iter().map(|sd| Z_90 * sd).collect())
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::planner::Planner;
 use catenary_core::seed;
+use catenary_core::statistics::Z_90;
 use serde::Serialize;
 use std::ops::ControlFlow;
 use track_fit::FitError;
@@ -13,8 +14,6 @@ use track_fit::fitting::{Laplace, Problem, best_fit};
 const STREAM: u64 = 2601;
 /// Most rounds of a fit.
 const ROUNDS: usize = 60;
-/// Half width of a 90 % interval of a normal distribution, in standard deviations.
-const INTERVAL_SDS: f64 = 1.645;
 
 /// Result of the check.
 #[derive(Debug, Default, Serialize)]
@@ -50,7 +49,7 @@ pub fn run(
     let mut check = Check::default();
     for (number, theta) in thetas.iter().enumerate() {
         let truth = Problem::of(planner.model, &planned, planner.simulator, ROUNDS);
-        let point = planner.point(&truth, theta);
+        let point = truth.unknowns.point_at(theta);
         let Ok(mut tracks) = truth.tracks(&[point.as_slice()]) else { continue };
         let mut rng = seed::rng(seed::derive(planner.settings.seed, STREAM), number as u64);
         let pairs = planned.iter().zip(tracks.remove(0));
@@ -70,7 +69,7 @@ pub fn run(
                 for column in 0..problem.unknowns.theta() {
                     let (sd, gap) = (posterior.sd(column), fit.point[column] - point[column]);
                     check.values += 1;
-                    check.held += usize::from(gap.abs() <= INTERVAL_SDS * sd);
+                    check.held += usize::from(gap.abs() <= Z_90 * sd);
                 }
             }
             Err(FitError::NoFit(_)) => continue,

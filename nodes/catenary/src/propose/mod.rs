@@ -30,7 +30,7 @@ struct Row {
     duration_s: f64,
 }
 
-/// What the recordings promise of a parameter.
+/// Promise of the recordings for a parameter.
 #[derive(Debug, Serialize)]
 struct Promise {
     name: String,
@@ -114,7 +114,7 @@ fn compared(planner: &Planner<'_>, all: &[Motion], thetas: &[Vec<f64>]) -> Resul
         let episodes = planner.episodes(&[&motion.path]);
         let problem = Problem::of(planner.model, &episodes, planner.simulator, 1);
         let one =
-            |theta: &Vec<f64>| Information::at(&problem, &planner.point(&problem, theta), &mut || planner.go_on());
+            |theta: &Vec<f64>| Information::at(&problem, &problem.unknowns.point_at(theta), &mut || planner.go_on());
         found.push(thetas.iter().map(one).collect::<Result<Vec<_>, _>>().map_err(interrupted)?);
         progress::advance(&bar, (i + 1) as f64 / all.len() as f64);
     }
@@ -136,11 +136,16 @@ fn promises(
     found: &[Vec<Option<Information>>],
     thetas: &[Vec<f64>],
 ) -> Vec<Promise> {
+    // Once for all parameters: each inverts the information of the pair.
+    let halves: Vec<Option<Vec<f64>>> = (0..thetas.len())
+        .map(|at| {
+            let all: Option<Vec<&Information>> = proposal.motions.iter().map(|m| found[*m][at].as_ref()).collect();
+            promised(&all?)
+        })
+        .collect();
     let promise = |(i, parameter): (usize, &catenary_core::Parameter)| {
-        let tried = thetas.iter().enumerate().filter_map(|(at, theta)| {
-            let all: Vec<&Information> =
-                proposal.motions.iter().map(|m| found[*m][at].as_ref()).collect::<Option<_>>()?;
-            let (half, u) = (promised(&all)?[i], parameter.prior.to_unit(theta[i]));
+        let tried = thetas.iter().zip(&halves).filter_map(|(theta, half)| {
+            let (half, u) = (half.as_ref()?[i], parameter.prior.to_unit(theta[i]));
             let end = |u: f64| parameter.prior.from_unit(u.clamp(0.0, 1.0));
             Some([theta[i], end(u - half), end(u + half)])
         });

@@ -1,11 +1,10 @@
-//! Planned recordings of a model, and points of their fits.
+//! Planned recordings of a model.
 
 use catenary_core::{GripTrajectory, Model};
 use catenary_shell::Shutdown;
 use catenary_simulator::BeamSimulator;
 use std::ops::ControlFlow;
 use track_fit::data::MeasuredEpisode;
-use track_fit::fitting::Problem;
 
 /// Model and simulator with which motions are compared and checked.
 pub struct Planner<'a> {
@@ -25,16 +24,6 @@ impl Planner<'_> {
         let planned =
             |path: &&GripTrajectory| MeasuredEpisode::planned_along(self.model, (*path).clone(), &self.settings);
         paths.iter().map(planned).collect()
-    }
-
-    /// Point of these parameters, with what is drawn for each episode at the middle of its prior.
-    pub fn point(&self, problem: &Problem<'_>, theta: &[f64]) -> Vec<f64> {
-        let unknowns = &problem.unknowns;
-        let mut point = vec![0.5; unknowns.columns()];
-        for (i, (value, unknown)) in theta.iter().zip(unknowns.list()).enumerate() {
-            point[unknowns.column(i, 0)] = unknown.prior.to_unit(*value).clamp(0.0, 1.0);
-        }
-        point
     }
 
     /// Answer of a round: whether to go on.

@@ -2,12 +2,10 @@
 
 use super::magnitude::{CompanionValue, Magnitude};
 use super::marginal::{Evidence, Quadratic, companions_of, sd_of};
+use catenary_core::statistics::Z_90;
 use std::sync::Arc;
 use track_fit::data::{Candidate, Companion, MeasuredEpisode, Unknowns};
 use track_fit::fitting::{FidelityCorrection, Fit, Laplace, Problem, is_bound_active};
-
-/// Half width of a 90 % interval of a normal distribution, in standard deviations.
-const INTERVAL_SDS: f64 = 1.645;
 
 /// Effort behind a best fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -109,7 +107,7 @@ impl Hypothesis {
         let one = |(companion, column): (&Companion, usize)| {
             let u = self.fit.point[column];
             // Data without a posterior leave the whole prior.
-            let reach = posterior.as_ref().map_or(1.0, |p| INTERVAL_SDS * p.sd(column));
+            let reach = posterior.as_ref().map_or(1.0, |p| Z_90 * p.sd(column));
             let at = |u: f64| companion.prior.from_unit(u.clamp(0.0, 1.0));
             let (name, title) = (companion.name.clone(), companion.title.clone());
             CompanionValue { name, title, value: at(u), q05: at(u - reach), q95: at(u + reach) }
@@ -127,7 +125,7 @@ impl Hypothesis {
             let limit = candidate.limit_at(u).filter(|_| is_bound_active(u, gradient[column]));
             let beyond = || {
                 let ((value, sd), [low, high]) = (self.magnitude(i), candidate.support());
-                let reach = INTERVAL_SDS * sd;
+                let reach = Z_90 * sd;
                 (value - reach > high || value + reach < low).then_some(value)
             };
             limit.or_else(beyond).map(|value| (candidate, value))
@@ -202,20 +200,7 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
     use std::ops::ControlFlow;
     use track_fit::fitting::Start;
-    use track_fit::toy::{self, Toy};
-
-    fn candidate(name: &str) -> Candidate {
-        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-        Candidate {
-            name: name.into(),
-            title: name.into(),
-            prior,
-            range: [0.0, 1.0],
-            base: 0.0,
-            odds: 1.0,
-            companions: Vec::new(),
-        }
-    }
+    use track_fit::toy::{self, Toy, candidate};
 
     /// Model with one effect, fitted from one start to data with a tip mass of 0.05.
     fn fitted(problem: &Problem<'_>, name: &str, start: f64) -> Hypothesis {
@@ -291,7 +276,7 @@ mod tests {
         let [mass, drag] = known.magnitudes().try_into().unwrap();
         assert!(drag.companions.is_empty() && mass.companions.len() == 1);
         // The coordinate is a half of the logarithm of base 10.
-        let factor = 100f64.powf(INTERVAL_SDS / 10_012f64.sqrt());
+        let factor = 100f64.powf(Z_90 / 10_012f64.sqrt());
         let place = &mass.companions[0];
         let off = [(place.value, 10.0), (place.q05, 10.0 / factor), (place.q95, 10.0 * factor)];
         assert!(off.iter().all(|(got, expected)| (got / expected - 1.0).abs() < 1e-9), "{place:?}");

@@ -9,12 +9,10 @@ use super::discrepancy::Whitening;
 use catenary_core::mixture::log_sum_exp;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::f64::consts::FRAC_1_SQRT_2;
-use track_fit::fitting::{Fit, is_bound_active};
+use track_fit::fitting::{Fit, PRIOR_PRECISION, is_bound_active};
 
 /// Tried standard deviations of the sizes, as shares of the columns' own scales.
 const SHARES: [f64; 7] = [0.005, 0.015, 0.05, 0.15, 0.5, 1.5, 5.0];
-/// Precision of a unit coordinate of the fit: that of a uniform distribution on 0 to 1.
-const PRIOR_PRECISION: f64 = 12.0;
 
 /// Linear model: the columns that act, with the relative standard deviation of each size.
 #[derive(Debug, Clone, PartialEq)]

@@ -163,22 +163,8 @@ impl LinearisedModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use catenary_core::Prior;
     use std::ops::ControlFlow;
-    use track_fit::toy::{self, Toy};
-
-    fn candidate(name: &str) -> Candidate {
-        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-        Candidate {
-            name: name.into(),
-            title: name.into(),
-            prior,
-            range: [0.0, 1.0],
-            base: 0.0,
-            odds: 1.0,
-            companions: Vec::new(),
-        }
-    }
+    use track_fit::toy::{self, Toy, candidate};
 
     #[test]
     fn draws_are_linearised_at_the_best_that_can_be_simulated() {

@@ -199,25 +199,23 @@ mod tests {
     use super::super::progress::{Progress, Reporter, Told};
     use super::super::question::Question;
     use super::*;
-    use catenary_core::{Fidelity, Prior};
+    use catenary_core::Fidelity;
     use std::ops::ControlFlow;
     use track_fit::noise::KeypointNoise;
     use track_fit::toy::twisted::{Mimic, folding_when_fine, misleading};
-    use track_fit::toy::{self, Toy};
+    use track_fit::toy::{self, Toy, candidate};
 
     const TRUTH: [f64; 2] = [0.25, 2e4];
 
-    fn candidate(name: &str) -> Candidate {
-        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-        Candidate {
-            name: name.into(),
-            title: name.into(),
-            prior,
-            range: [0.0, 1.0],
-            base: 0.0,
-            odds: 1.0,
-            companions: Vec::new(),
-        }
+    /// Search of fitted episodes alone.
+    fn searching<'a>(
+        question: Question<'a>,
+        problem: &'a Problem<'a>,
+        settings: &'a Settings,
+        reporter: Reporter<'a>,
+    ) -> Search<'a> {
+        let noise = KeypointNoise::stated(question.model);
+        Search { question, noise, problem, validation: &[], held_out: &[], settings, reporter }
     }
 
     fn settings() -> Settings {
@@ -321,16 +319,7 @@ mod tests {
         let question = Question::of(&model, &[]);
         let mut listen = |_: &Progress| ControlFlow::Continue(());
         let reporter = Reporter::new(&mut listen, Told::default());
-        let noise = KeypointNoise::stated(&model);
-        let mut search = Search {
-            question,
-            noise,
-            problem: &problem,
-            validation: &[],
-            held_out: &[],
-            settings: &settings,
-            reporter,
-        };
+        let mut search = searching(question, &problem, &settings, reporter);
         let better = search.stepped_back(&[pair.clone(), single], &baseline).unwrap().expect("it fits better");
         assert!(
             better[1].fit.cost < 1e-3 && better[1].correction == FidelityCorrection::Untried,
@@ -369,16 +358,7 @@ mod tests {
                 Hypothesis { candidates, unknowns, episodes: None, correction, fit: far, evidence, effort, spread };
             let mut listen = |_: &Progress| ControlFlow::Continue(());
             let reporter = Reporter::new(&mut listen, Told::default());
-            let noise = KeypointNoise::stated(&model);
-            let mut search = Search {
-                question,
-                noise,
-                problem: &problem,
-                validation: &[],
-                held_out: &[],
-                settings: &settings,
-                reporter,
-            };
+            let mut search = searching(question, &problem, &settings, reporter);
             let new = search.keep_better(&old, best, Effort::Searched, &baseline).unwrap();
             assert_eq!((new.effort, new.correction), (Effort::Searched, FidelityCorrection::Applied));
             new.fit.cost

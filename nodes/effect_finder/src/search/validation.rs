@@ -151,28 +151,15 @@ mod tests {
     use crate::evidence::Evidence;
     use crate::report::Objection;
     use crate::settings::Settings;
-    use catenary_core::{Prior, seed};
+    use catenary_core::seed;
     use std::ops::ControlFlow;
     use track_fit::data::Candidate;
     use track_fit::fitting::{Problem, Start};
     use track_fit::noise::KeypointNoise;
-    use track_fit::toy::{self, Toy};
+    use track_fit::toy::{self, Toy, candidate};
 
     fn go_on() -> ControlFlow<()> {
         ControlFlow::Continue(())
-    }
-
-    fn candidate(name: &str) -> Candidate {
-        let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
-        Candidate {
-            name: name.into(),
-            title: name.into(),
-            prior,
-            range: [0.0, 1.0],
-            base: 0.0,
-            odds: 1.0,
-            companions: Vec::new(),
-        }
     }
 
     /// The fitted episode has a tip mass, or a drag of the same size; the held-out one has neither, or another effect.

@@ -20,9 +20,9 @@ impl BackwardDifference {
 
     /// Part of the rate that the past fixes.
     #[inline(always)]
-    pub fn history(&self, one_ago: &[f64; 3], two_ago: &[f64; 3]) -> [f64; 3] {
-        let mut history = [0.0; 3];
-        for i in 0..3 {
+    pub fn history<const N: usize>(&self, one_ago: &[f64; N], two_ago: &[f64; N]) -> [f64; N] {
+        let mut history = [0.0; N];
+        for i in 0..N {
             history[i] = self.c1 * one_ago[i] + self.c2 * two_ago[i];
         }
         history

@@ -4,7 +4,6 @@ use super::body::Beam;
 use super::element::{self, Memory};
 use super::grip::GripReaction;
 use super::material::{self, AxialMix};
-use super::node::Node;
 
 /// Energy of a beam in J, by kind.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -116,7 +115,7 @@ impl Beam {
             energy.potential_j -= inertia[0] * (gx * q[0] + gz * q[1]);
         }
         if self.increment.load.acts() {
-            let [kinetic_j, potential_j] = self.increment.load.energy_j(self.tip_node(), self.parameters.gravity_m_s2);
+            let [kinetic_j, potential_j] = self.increment.load.energy_j(self.state.tip(), self.parameters.gravity_m_s2);
             energy.kinetic_j += kinetic_j;
             energy.potential_j += potential_j;
         }
@@ -151,10 +150,6 @@ impl Beam {
         let of_node =
             |(m, (q, v)): (&[f64; 3], (&[f64; 3], &[f64; 3]))| m[0] * (q[0] * v[1] - q[1] * v[0]) + m[2] * v[2];
         let of_nodes: f64 = self.mesh.inertia.iter().zip(motion).map(of_node).sum();
-        of_nodes + self.increment.load.angular_momentum_kg_m2_s(self.tip_node())
-    }
-
-    fn tip_node(&self) -> &Node {
-        &self.state.position[self.state.position.len() - 1]
+        of_nodes + self.increment.load.angular_momentum_kg_m2_s(self.state.tip())
     }
 }

@@ -52,6 +52,11 @@ impl State {
         }
     }
 
+    /// Position of the last node.
+    pub fn tip(&self) -> &Node {
+        &self.position[self.position.len() - 1]
+    }
+
     /// Shifts the history by one step. `position` keeps its value; `velocity` and `acceleration` are stale until the
     /// step ends.
     pub fn begin_step(&mut self) {

@@ -196,8 +196,7 @@ impl Beam {
             self.increment.target[k] = [0, 1, 2].map(|i| position[i] + fall[i]);
             self.increment.history[k] = position.map(|q| -rate * q);
         }
-        let tip = &self.state.position[self.state.position.len() - 1];
-        self.increment.load.prepare_from_rest(step_s, tip, self.parameters.gravity_m_s2);
+        self.increment.load.prepare_from_rest(step_s, self.state.tip(), self.parameters.gravity_m_s2);
         if !self.terms.forces.is_empty() {
             self.add_forces();
         }

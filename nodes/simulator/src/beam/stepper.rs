@@ -318,7 +318,7 @@ impl Beam {
             }
         }
         if increment.load.acts() {
-            increment.load.end_step(rate, &state.position[state.position.len() - 1]);
+            increment.load.end_step(rate, state.tip());
         }
         let kept = state.direction.iter_mut().zip(&mut state.strain);
         for ((element, ends), (direction, strain)) in mesh.elements.iter().zip(state.position.windows(2)).zip(kept) {

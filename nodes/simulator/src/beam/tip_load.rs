@@ -76,10 +76,10 @@ impl LoadMotion {
     pub fn prepare(&mut self, difference: BackwardDifference, one_ago: &Node, two_ago: &Node, gravity_m_s2: [f64; 2]) {
         let inverse = 1.0 / difference.c0;
         let (from, before) = (self.load.centre(one_ago), self.load.centre(two_ago));
+        self.history = difference.history(&from, &before);
+        let acceleration = difference.history(&self.velocity, &self.velocity_1);
         for i in 0..2 {
-            self.history[i] = difference.c1 * from[i] + difference.c2 * before[i];
-            let acceleration = difference.c1 * self.velocity[i] + difference.c2 * self.velocity_1[i];
-            let fall = (gravity_m_s2[i] - acceleration) * inverse;
+            let fall = (gravity_m_s2[i] - acceleration[i]) * inverse;
             self.target[i] = (fall - self.history[i]) * inverse;
         }
     }

@@ -3,7 +3,7 @@
 use super::companion::Companion;
 use super::effect::{About, Effect, Hook, uniform};
 use super::templates;
-use crate::episode_model::EpisodeModel;
+use crate::episode_model::{Companions, EpisodeModel};
 
 /// Name of the companion that sets the place.
 const PLACE: &str = "rest_bend_place";
@@ -49,7 +49,7 @@ pub(super) fn place() -> Companion {
         prior: uniform(0.0, 1.0),
         range: [0.0, 1.0],
     };
-    Companion::new(about, 0.5, |episode| &mut episode.rest_bend_place)
+    Companion::new(about, Companions::default().place, |episode| &mut episode.rest_bend_place)
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ impl Effect for TipLoad {
             description: "rigid load fixed to the tip, with its centre on the tangent beyond it",
             unit: "kg",
             hook: Hook::Force,
-            // As a point mass at the tip.
+            // The prior of a point mass at the tip.
             prior: log_uniform(1e-4, 0.5),
             range: [0.0, 100.0],
         }

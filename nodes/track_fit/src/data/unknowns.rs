@@ -176,6 +176,15 @@ impl Unknowns {
         self.list.iter().map(place).collect()
     }
 
+    /// Point of these parameters, with what is drawn for each episode at the middle of its prior.
+    pub fn point_at(&self, theta: &[f64]) -> Vec<f64> {
+        let mut point = vec![0.5; self.columns()];
+        for (i, (value, unknown)) in theta.iter().zip(&self.list).enumerate() {
+            point[self.column(i, 0)] = unknown.prior.to_unit(*value).clamp(0.0, 1.0);
+        }
+        point
+    }
+
     /// Parameter values in an episode at the point `u`, in the order of [`Unknowns::names`].
     pub fn parameters(&self, u: &[f64], episode: usize) -> Vec<f64> {
         let mut sums = vec![0.0; self.names().len()];
