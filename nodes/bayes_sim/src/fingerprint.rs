@@ -14,7 +14,18 @@ pub fn fingerprint(model: &Model, measured: &[MeasuredTrack], policy: Option<&Po
     let limit = model.arm.law.reference_limit_m_s();
     let defaults =
         (&model.nominal, &model.lacking, model.task.map(|task| task.goal), limit, model.observation.defaults());
-    identity::fingerprint(&(env!("CARGO_PKG_VERSION"), METHOD, defaults, model, measured, policy, settings))
+    // An expression leaves out fields, too. Its debug text has their names.
+    let expressions = format!("{:?}", model.expressions);
+    identity::fingerprint(&(
+        env!("CARGO_PKG_VERSION"),
+        METHOD,
+        defaults,
+        expressions,
+        model,
+        measured,
+        policy,
+        settings,
+    ))
 }
 
 #[cfg(test)]

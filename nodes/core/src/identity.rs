@@ -12,8 +12,8 @@ use sha2::{Digest, Sha256};
 ///
 /// Pass a tuple to identify several values together. The encoding does not show which field was left out by
 /// `skip_serializing_if`: pass such fields beside the value. [`crate::Model`] has these: `nominal`, `lacking`, the goal of
-/// its task, the speed limit of its arm's law ([`crate::model::ArmLaw::reference_limit_m_s`]), and those of its observation
-/// ([`crate::model::ObservationModel::defaults`]).
+/// its task, the speed limit of its arm's law ([`crate::model::ArmLaw::reference_limit_m_s`]), those of its observation
+/// ([`crate::model::ObservationModel::defaults`]), and its expressions, whose own fields need their debug text.
 ///
 /// # Panics
 /// If `Serialize` fails for the value, as for an iterator of unknown length. The types of this crate never do.

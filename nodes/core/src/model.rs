@@ -3,6 +3,7 @@
 mod arm_law;
 mod check;
 mod error;
+mod expression;
 mod outline;
 mod rewrite;
 mod task_file;
@@ -12,6 +13,7 @@ mod yaml;
 
 pub use arm_law::LawGap;
 pub use error::{ModelError, Place};
+pub use expression::{Companion as ExpressionCompanion, Expression};
 pub use task_file::TaskFile;
 
 use crate::task::DeltaAnchor;
@@ -57,6 +59,9 @@ pub struct Model {
     /// Prior knowledge about effects that the model lacks.
     #[serde(default, skip_serializing_if = "Lacking::is_empty")]
     pub lacking: Lacking,
+    /// Effects that this file states, beside those of the library.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub expressions: Vec<Expression>,
 }
 
 /// Prior knowledge about effects that a model lacks. The effect finder reads it.

@@ -167,6 +167,36 @@ fn a_world_without_a_hidden_effect_has_no_gap() {
     assert!(length.q95 - length.q05 < 0.01, "{length:?}");
 }
 
+/// A wall that no effect of the library is: the model file states one at an unknown place. It is named, its place and stiffness are
+/// found, and the repaired model infers both.
+#[test]
+fn a_wall_that_the_model_file_states_is_named_and_found() {
+    let text = include_str!("../../../launch_configs/models/soft_bar.yaml");
+    let wall = r#"
+expressions:
+  - name: wall_n_m2
+    title: wall
+    unit: N/m^2
+    force_x_n_m: "max(0, wall_x_m - x)"
+    prior: {log_uniform: {low: 10.0, high: 1.0e+4}}
+    companions:
+      - {name: wall_x_m, unit: m, prior: {uniform: {low: 0.30, high: 0.42}}}
+"#;
+    let mut model = catenary_simulator::model_text::read(&format!("{text}{wall}")).unwrap();
+    model.camera.position_jitter_m = 0.0;
+    model.observation.frames = 17;
+    let measured = [1, 2].map(|number| episode_of(&model, &[("wall_n_m2", 500.0), ("wall_x_m", 0.37)], number));
+    let offered = some(&model, &["wall_n_m2", "tip_mass_kg", "linear_drag_n_s_m2", "grip_angle_offset_rad"]);
+    let (finding, repaired) = search(&model, &measured, &offered);
+    assert_eq!((finding.verdict, names(&finding)), (Verdict::Named, vec!["wall_n_m2".to_owned()]));
+    let repaired = repaired.unwrap();
+    assert_eq!(repaired.expressions, model.expressions);
+    let prior = |name: &str| repaired.theta.parameters()[repaired.theta.index_of(name).unwrap()].prior.clone();
+    assert!((prior("wall_x_m").from_unit(0.5) - 0.37).abs() < 0.003, "{}", prior("wall_x_m"));
+    let stiffness = prior("wall_n_m2").from_unit(0.5);
+    assert!((300.0..900.0).contains(&stiffness), "{stiffness}");
+}
+
 /// Effects of which no candidate is offered, and none of which is a template itself.
 #[test]
 fn what_is_missing_is_told_by_its_part_its_place_and_its_time() {

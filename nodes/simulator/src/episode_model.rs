@@ -3,6 +3,7 @@
 use crate::beam::{BeamParameters, StartChange, Terms};
 use catenary_core::model::ArmLaw;
 use catenary_core::{Camera, DeltaAnchor};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Answer of a table's effect if the model has no table.
@@ -29,6 +30,8 @@ pub struct EpisodeModel {
     pub strand_slip: StrandSlip,
     /// Place of a bend of the unloaded object, as a fraction of the length from the grip.
     pub rest_bend_place: f64,
+    /// Numbers that the expressions of the model file name, as far as something gives their values.
+    pub expression_numbers: BTreeMap<&'static str, f64>,
     /// Place and frequency of the templates.
     pub templates: Companions,
     /// Place and frequency of the unlisted effects.

@@ -31,6 +31,7 @@ fn error_in(model: &Model, error: &ParameterError) -> ModelError {
             ModelError::value(model.field_of(name), format!("values of {low} to {high}"), beyond)
         }
         ParameterError::Effect { name, needs } => ModelError::value(model.field_of(name), *needs, "a model without"),
+        ParameterError::Expression(e) => ModelError::text(e.field(), e),
         other => ModelError::text("parameters", other),
     }
 }

@@ -1,7 +1,7 @@
 //! Physical parameters and effects that a model may name, and the episode settings that they make.
 
 use crate::beam::{BeamError, BeamParameters, StartChange, Table, Terms};
-use crate::effects::{Registry, replaced};
+use crate::effects::{ExpressionError, Registry, replaced};
 use crate::episode_model::{ArmSettings, CameraSettings, Companions, EpisodeModel, StrandSlip, WrenchSettings};
 use catenary_core::Model;
 use catenary_core::spelling::did_you_mean;
@@ -168,6 +168,9 @@ pub enum ParameterError {
         /// Names and meaning of what replaced it.
         by: &'static str,
     },
+    /// Effect of the model file whose expressions cannot be read.
+    #[error(transparent)]
+    Expression(#[from] ExpressionError),
     /// Combination that the beam refuses.
     #[error(transparent)]
     Beam(#[from] BeamError),
@@ -274,6 +277,7 @@ impl<'r> Values<'r> {
             wrench: model.observation.wrench.map(|noise| WrenchSettings::new(noise.sds())),
             strand_slip: StrandSlip::default(),
             rest_bend_place: Companions::default().place,
+            expression_numbers: BTreeMap::new(),
             templates: Companions::default(),
             unlisted: Companions::default(),
         };
@@ -334,6 +338,7 @@ pub fn check(model: &Model) -> Result<(), ParameterError> {
 /// # Errors
 /// [`ParameterError`] of the first problem.
 pub fn check_with(model: &Model, registry: &Registry) -> Result<(), ParameterError> {
+    let registry = &registry.with_expressions(model)?;
     let theta = model.theta.parameters().iter().map(|p| (&p.name, &p.prior));
     for (name, prior) in theta.chain(model.effects.iter().map(|e| (&e.name, &e.distribution))) {
         let (_, [low, high]) = known(registry, name)?;

@@ -40,10 +40,11 @@ impl BeamSimulator {
     /// # Errors
     /// [`ParameterError`] if the model makes no object.
     pub fn with_effects(model: &Model, registry: &Registry, workers: usize) -> Result<Self, ParameterError> {
-        crate::parameters::check_with(model, registry)?;
+        let registry = registry.with_expressions(model)?;
+        crate::parameters::check_with(model, &registry)?;
         Ok(Self {
             model: model.clone(),
-            registry: registry.clone(),
+            registry,
             workers,
             tolerance_m: None,
             idle: Mutex::new(Vec::new()),

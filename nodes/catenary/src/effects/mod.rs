@@ -53,7 +53,11 @@ impl From<&dyn Effect> for Row {
 /// each.
 pub fn run(arguments: &EffectsArgs) -> Result<()> {
     // Effects that no search offers still have a detectable size.
-    let registry = if arguments.model.is_some() { &Registry::with_unlisted() } else { Registry::shipped() };
+    let model = arguments.model.as_deref().map(model_file::read).transpose()?;
+    let registry = &match &model {
+        Some(model) => Registry::with_unlisted().with_expressions(model)?,
+        None => Registry::shipped().clone(),
+    };
     let known: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
     if let Some(name) = arguments.name.iter().find(|name| registry.find(name).is_none()) {
         if let Some((_, by)) = replaced(name) {
@@ -68,8 +72,8 @@ pub fn run(arguments: &EffectsArgs) -> Result<()> {
         names => names.iter().any(|n| n == name),
     };
     let asked: Vec<&dyn Effect> = registry.effects().filter(|e| is_asked(e.about().name)).collect();
-    let rows: Vec<Row> = match (&arguments.model, &arguments.actions) {
-        (Some(model), Some(actions)) => sized(asked, registry, &model_file::read(model)?, actions, &arguments.value)?,
+    let rows: Vec<Row> = match (&model, &arguments.actions) {
+        (Some(model), Some(actions)) => sized(asked, registry, model, actions, &arguments.value)?,
         _ => asked.into_iter().map(Row::from).collect(),
     };
     let is_sized = arguments.model.is_some();

@@ -10,12 +10,13 @@ use catenary_simulator::parameters::range_of;
 
 /// Index in theta of the parameter in `--theta NAME=VALUE`.
 pub fn place_of(name: &str, value: f64, model: &Model) -> Result<usize> {
+    let registry = Registry::shipped().with_expressions(model)?;
     let names: Vec<&str> = model.theta.parameters().iter().map(|p| p.name.as_str()).collect();
     let place = model.theta.index_of(name).with_context(|| {
         let hint = did_you_mean(name, names.iter().copied());
         format!("--theta {name}: expected one of {} of model `{}`{hint}", names.join(", "), model.name)
     })?;
-    check("--theta", name, value, Some(&model.theta.parameters()[place].prior), Registry::shipped())?;
+    check("--theta", name, value, Some(&model.theta.parameters()[place].prior), &registry)?;
     Ok(place)
 }
 
@@ -34,12 +35,13 @@ pub fn whole_theta(given: &[(String, f64)], model: &Model) -> Result<Vec<f64>> {
     }
 }
 
-/// Checks `--effect NAME=VALUE`: the name must be a parameter or an effect of `registry` that the model does not infer.
+/// Checks `--effect NAME=VALUE`: the name must be a parameter, or an effect of `registry` or of the model, that the
+/// model does not infer.
 pub fn check_effect(name: &str, value: f64, model: &Model, registry: &Registry) -> Result<()> {
     let is_inferred = model.theta.index_of(name).is_some();
     ensure!(!is_inferred, "--effect {name}: it is inferred: expected --theta {name}={value}");
     let drawn = model.effects.iter().find(|effect| effect.name == name);
-    check("--effect", name, value, drawn.map(|effect| &effect.distribution), registry)
+    check("--effect", name, value, drawn.map(|effect| &effect.distribution), &registry.with_expressions(model)?)
 }
 
 fn check(option: &str, name: &str, value: f64, prior: Option<&Prior>, registry: &Registry) -> Result<()> {

@@ -100,8 +100,9 @@ fn checked(bytes: &[u8], model: &Model) -> Result<Posterior> {
         "its parameters are not those of model `{}`",
         model.name
     );
+    let registry = Registry::shipped().with_expressions(model)?;
     for p in posterior.parameters.parameters() {
-        let [least, most] = range_of(Registry::shipped(), &p.name)?;
+        let [least, most] = range_of(&registry, &p.name)?;
         let (low, high) = p.prior.bounds();
         ensure!(
             least <= low && high <= most,

@@ -1,7 +1,7 @@
 //! Checks of the values of a model. Each error names the path of the field; the line follows from the path.
 
 use super::outline::{Content, Node};
-use super::{ArmLaw, MODEL_VERSION, Model, ModelError, Place, Section};
+use super::{ArmLaw, MODEL_VERSION, Model, ModelError, Place, Section, expression};
 use crate::task::{MOST_STEPS, REWARD_RANGE_M, STEP_PERIOD_S};
 use crate::{Goal, GripPose, Task};
 use std::collections::BTreeSet;
@@ -74,6 +74,7 @@ impl Model {
         ModelError::within("camera.position_jitter_m", JITTER_M, "m", self.camera.position_jitter_m)?;
         self.check_arm()?;
         self.check_lacking()?;
+        expression::check(self)?;
         self.task.as_ref().map_or(Ok(()), task)
     }
 

@@ -359,8 +359,50 @@ prop_compose! {
                 Some(u) => Lacking { vetoes: vec![names[5].clone()], prior_odds: [(names[4].clone(), 0.1 + u)].into() },
                 None => Lacking::default(),
             },
+            expressions: if round { vec![expression(&priors[1])] } else { Vec::new() },
         }
     }
+}
+
+/// Effect that a model file states, with this prior.
+fn expression(prior: &Prior) -> Expression {
+    let companion = ExpressionCompanion { name: "pace_hz".into(), unit: "Hz".into(), prior: prior.clone() };
+    Expression {
+        name: "flutter_n_m".into(),
+        title: Some("flutter: \"wind\"".into()),
+        unit: "N/m".into(),
+        force_x_n_m: Some("s * sin(pace_hz * t)".into()),
+        force_z_n_m: None,
+        couple_n_m_m: None,
+        moment_n_m: Some("-1e-3 * curvature # ^ 3".into()),
+        prior: prior.clone(),
+        companions: vec![companion],
+    }
+}
+
+#[test]
+fn stated_effects_are_checked_as_far_as_their_texts_need_not_be_read() {
+    let of = |fields: &str| {
+        let text = format!(
+            "{SOFT_BAR}\nexpressions:\n  - {{name: flutter_n_m, prior: {{uniform: {{low: 0.0, high: 1.0}}}}{fields}}}\n"
+        );
+        Model::from_yaml(&text).map(|model| model.expressions.len()).map_err(|e| e.to_string())
+    };
+    assert_eq!(of(", force_x_n_m: \"s\""), Ok(1));
+    let e = of("").unwrap_err();
+    assert!(
+        e.ends_with("expected an expression: force_x_n_m, force_z_n_m, couple_n_m_m or moment_n_m, got none"),
+        "{e}"
+    );
+    let e = of(", force_x_n_m: s, companions: [{name: a b, prior: {uniform: {low: 0.0, high: 1.0}}}]").unwrap_err();
+    assert!(e.ends_with("expected a name of letters, digits and underscores, got `a b`"), "{e}");
+    let e =
+        of(", force_x_n_m: s, companions: [{name: flutter_n_m, prior: {uniform: {low: 0.0, high: 1.0}}}]").unwrap_err();
+    assert!(e.ends_with("expected each name once among expressions, got `flutter_n_m` once more"), "{e}");
+    let e = of(", force_x_n_m: s, companions: [{name: pace, prior: {uniform: {low: 1.0, high: 0.0}}}]").unwrap_err();
+    assert!(e.contains("`expressions.flutter_n_m.companions.pace.prior`"), "{e}");
+    let e = of(", force_y_n_m: s").unwrap_err();
+    assert!(e.contains("force_y_n_m"), "{e}");
 }
 
 proptest! {

@@ -4,20 +4,23 @@ use crate::error::FinderError;
 use crate::report::Finding;
 use crate::search::Progress;
 use crate::template::{Companion, Template};
-use catenary_core::Model;
 use catenary_core::model::{DriveKind, Lacking};
 use catenary_core::spelling::did_you_mean;
+use catenary_core::{Model, SimulatorError};
 use catenary_msgs::action::{FindEffectsFeedback, FindEffectsResult};
 use catenary_simulator::Registry;
 use catenary_simulator::effects::{About, Effect, Hook, TEMPLATE_FREQUENCY, TEMPLATE_PLACE, replaced};
 use track_fit::data::Candidate;
 
-/// Candidates for `model`: the effects of `registry` that it could lack, without the vetoed ones, with their prior
-/// odds.
+/// Candidates for `model`: the effects of `registry`, and those that the model states as expressions, that it could lack, without
+/// the vetoed ones, with their prior odds.
 ///
 /// # Errors
-/// [`FinderError::UnknownEffect`] if `model.lacking` names an effect that the registry does not have.
+/// [`FinderError::UnknownEffect`] if `model.lacking` names an effect that the registry does not have, and
+/// [`FinderError::Simulator`] if it states an expression that cannot be read.
 pub fn candidates(registry: &Registry, model: &Model) -> Result<Vec<Candidate>, FinderError> {
+    let stated = registry.with_expressions(model);
+    let registry = &stated.map_err(|e| FinderError::Simulator(SimulatorError::Input(e.to_string())))?;
     let Lacking { vetoes, prior_odds } = &model.lacking;
     let known: Vec<&str> = registry.effects().map(|e| e.about().name).collect();
     let named = vetoes.iter().map(|name| ("vetoes", name)).chain(prior_odds.keys().map(|name| ("prior_odds", name)));

@@ -7,7 +7,7 @@ use super::grip::GripState;
 use super::mesh::Mesh;
 use super::node::Node;
 use super::parameters::BeamParameters;
-use super::potential::{Increment, System};
+use super::potential::{Increment, System, TermForce};
 use super::state::State;
 use super::terms::Terms;
 
@@ -101,7 +101,8 @@ impl Beam {
         self.terms.clone_from(terms);
         self.mesh.fill(&parameters, terms);
         self.increment.hysteresis.reset(&terms.hystereses);
-        self.increment.term_force.fill([0.0; 2]);
+        self.increment.section_moments.reset(&terms.moments);
+        self.increment.term_force.fill(TermForce::default());
         self.counters = Counters::default();
         self.lay_straight(grip);
         Ok(())
@@ -148,6 +149,7 @@ impl Beam {
         self.contact.restart(self.parameters.table.as_ref(), &self.mesh, &self.state.position);
         self.increment.enable_motion(&self.parameters, self.mesh.clamped_node);
         self.increment.hysteresis.restart(&self.state.strain);
+        self.increment.section_moments.restart(&self.mesh, &self.state.strain);
         let tip = self.state.position.len() - 1;
         self.increment.load.restart(self.parameters.tip_load, &self.state.position[tip], &self.state.velocity[tip]);
         if !self.terms.ageings.is_empty() {

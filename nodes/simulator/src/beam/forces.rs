@@ -56,9 +56,11 @@ impl Beam {
             held[1] -= edges.normal[side];
         }
         let drag = self.increment.drag_on(&self.mesh, c, [state.velocity[c][0], state.velocity[c][1]]);
+        let of_terms = self.increment.term_force[c].at(&state.position[c]);
         for i in 0..2 {
-            held[i] += drag[i] - self.increment.term_force[c][i];
+            held[i] += drag[i] - of_terms[i];
         }
+        held[2] -= of_terms[2];
         GripReaction { force_x_n: held[0], force_z_n: held[1], moment_n_m: held[2] }
     }
 
@@ -85,6 +87,9 @@ impl Beam {
         }
         if self.increment.hysteresis.acts() {
             self.increment.hysteresis.add(k, element, at.strain[2], &mut r);
+        }
+        if self.increment.section_moments.acts() {
+            self.increment.section_moments.add(k, element, at.strain[2], &mut r);
         }
         let sign = if k == c { -1.0 } else { 1.0 };
         [sign * r.force[0], sign * r.force[1], 0.5 * r.shear_moment + sign * r.bending_moment]

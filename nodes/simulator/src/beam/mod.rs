@@ -22,6 +22,7 @@ mod node;
 mod parameters;
 mod potential;
 mod section;
+mod section_moment;
 mod shape;
 mod start;
 mod state;
@@ -43,7 +44,7 @@ pub use section::SectionProperties;
 pub use start::StartChange;
 pub use statics::{Equilibrium, MeasuredPoint};
 pub use terms::{
-    AgeingTerm, ElementMaterial, ElementPlace, ForceTerm, GripTerm, HystereticTerm, MaterialTerm, PointState, Reply,
-    Terms,
+    AgeingTerm, BendState, ElementMaterial, ElementPlace, ForceTerm, GripTerm, HystereticTerm, MaterialTerm,
+    MomentTerm, PointState, Reply, Terms,
 };
 pub use tip_load::TipLoad;

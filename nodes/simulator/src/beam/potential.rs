@@ -14,6 +14,7 @@ use super::material::AxialMix;
 use super::mesh::Mesh;
 use super::node::Node;
 use super::parameters::{BeamParameters, Table};
+use super::section_moment::SectionMoments;
 use super::strand_friction::{LAYERS, Neutral, StrandFriction};
 use super::tip_load::LoadMotion;
 
@@ -46,6 +47,33 @@ pub(super) struct Spring {
     pub stiffness: f64,
 }
 
+/// Force of terms from outside on one node, linearised over the step.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct TermForce {
+    /// Force (x, z) in N and couple in N m at the predicted position.
+    pub load: [f64; 3],
+    /// Predicted position (x, z) in m.
+    pub place_m: [f64; 2],
+    /// Stiffness (xx, xz, zz) in N/m.
+    pub stiffness: [f64; 3],
+}
+
+impl TermForce {
+    /// Returns minus the change of the force (x, z) in N from the predicted position to `position`.
+    #[inline(always)]
+    pub fn resistance(&self, position: &Node) -> [f64; 2] {
+        let [xx, xz, zz] = self.stiffness;
+        let gap = [0, 1].map(|i| position[i] - self.place_m[i]);
+        [xx * gap[0] + xz * gap[1], xz * gap[0] + zz * gap[1]]
+    }
+
+    /// Returns the force (x, z) in N and the couple in N m at a position.
+    pub fn at(&self, position: &Node) -> [f64; 3] {
+        let [x, z] = self.resistance(position);
+        [self.load[0] - x, self.load[1] - z, self.load[2]]
+    }
+}
+
 /// Data of one step that do not depend on the new positions.
 #[derive(Debug, Clone)]
 pub(super) struct Increment {
@@ -61,12 +89,15 @@ pub(super) struct Increment {
     pub kelvin_voigt_time_s: f64,
     /// Torsion spring of a compliant grip; none if the grip is firm.
     pub grip_spring: Option<GripSpring>,
-    /// Forces of terms from outside on the nodes, (x, z) in N.
-    pub term_force: Vec<[f64; 2]>,
+    /// Forces of terms from outside on the nodes.
+    pub term_force: Vec<TermForce>,
+    /// True if one of these forces has a stiffness.
+    pub has_stiff_forces: bool,
     pub strand_friction: StrandFriction,
     /// State of the strands of each element.
     pub neutral_curvature: Vec<Neutral>,
     pub hysteresis: Hysteresis,
+    pub section_moments: SectionMoments,
     pub load: LoadMotion,
     /// True if there is any drag.
     pub drag: bool,
@@ -151,10 +182,12 @@ impl Increment {
             stress_shift: vec![[0.0; 3]; elements],
             kelvin_voigt_time_s: 0.0,
             grip_spring: None,
-            term_force: vec![[0.0; 2]; elements + 1],
+            term_force: vec![TermForce::default(); elements + 1],
+            has_stiff_forces: false,
             strand_friction: StrandFriction::default(),
             neutral_curvature: vec![[0.0; LAYERS]; elements],
             hysteresis: Hysteresis::default(),
+            section_moments: SectionMoments::default(),
             load: LoadMotion::default(),
             drag: false,
             linear_drag: 0.0,
@@ -170,6 +203,7 @@ impl Increment {
         self.kelvin_voigt_time_s = p.kelvin_voigt_time_s;
         self.strand_friction = StrandFriction::of(p);
         self.hysteresis.set_on(true);
+        self.section_moments.set_in_motion(true);
         self.drag = p.linear_drag_n_s_m2 > 0.0 || p.quadratic_drag_n_s2_m3 > 0.0;
         self.linear_drag = p.linear_drag_n_s_m2;
         self.table = p.table;
@@ -187,6 +221,7 @@ impl Increment {
         self.kelvin_voigt_time_s = 0.0;
         self.strand_friction = StrandFriction::default();
         self.hysteresis.set_on(false);
+        self.section_moments.set_in_motion(false);
         self.drag = false;
         self.table = p.table.map(|table| Table { friction_coefficient: 0.0, damping_time_s: 0.0, ..table });
     }
@@ -221,6 +256,9 @@ impl Increment {
             }
             if self.hysteresis.acts() {
                 self.hysteresis.add(k, element, at.strain[2], &mut response);
+            }
+            if self.section_moments.acts() {
+                self.section_moments.add(k, element, at.strain[2], &mut response);
             }
             potential += response.energy;
             system.add_gradient(k, &response);
@@ -269,6 +307,23 @@ impl Increment {
         }
         if self.drag {
             potential += self.add_drag(mesh, position, system);
+        }
+        if self.has_stiff_forces {
+            potential += self.add_stiff_forces(position, system);
+        }
+        potential
+    }
+
+    fn add_stiff_forces(&self, position: &[Node], system: &mut System) -> f64 {
+        let mut potential = 0.0;
+        for (k, (force, q)) in self.term_force.iter().zip(position).enumerate() {
+            let resistance = force.resistance(q);
+            let diagonal = &mut system.matrix.diagonal[k];
+            for i in 0..2 {
+                potential += 0.5 * resistance[i] * (q[i] - force.place_m[i]);
+                system.gradient[k][i] += resistance[i];
+            }
+            (0..3).for_each(|i| diagonal[i] += force.stiffness[i]);
         }
         potential
     }

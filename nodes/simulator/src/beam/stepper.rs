@@ -7,7 +7,7 @@ use super::element;
 use super::grip::{GripReaction, GripState};
 use super::material;
 use super::node::Node;
-use super::potential::CrossDrag;
+use super::potential::{CrossDrag, TermForce};
 use super::terms::PointState;
 use std::f64::consts::TAU;
 
@@ -50,6 +50,11 @@ impl Beam {
         if !self.terms.forces.is_empty() {
             self.add_forces();
         }
+        if self.increment.section_moments.acts() {
+            let time_step_s = self.discretisation.time_step_s;
+            let time_s = (self.steps_since_start + 1) as f64 * time_step_s;
+            self.increment.section_moments.begin_step(time_s, time_step_s);
+        }
         grip
     }
 
@@ -86,6 +91,7 @@ impl Beam {
     /// Adds the forces from outside, evaluated at the predicted positions at the step's end.
     pub(super) fn add_forces(&mut self) {
         let Beam { increment, state, mesh, terms, .. } = self;
+        increment.has_stiff_forces = false;
         let time_s = (self.steps_since_start + 1) as f64 * self.discretisation.time_step_s;
         for (k, q) in state.position.iter().enumerate() {
             let velocity_m_s = [0, 1].map(|i| increment.rate * q[i] + increment.history[k][i]);
@@ -95,17 +101,26 @@ impl Beam {
                 length_m: mesh.share[k],
                 position_m: [q[0], q[1]],
                 velocity_m_s,
+                angle_rad: q[2],
             };
-            let mut force = [0.0; 2];
+            let mut load = [0.0; 3];
+            let mut stiffness = [0.0; 3];
             for term in &terms.forces {
-                let more = term.force_n(&at);
-                force = [force[0] + more[0], force[1] + more[1]];
+                let [x, z] = term.force_n(&at);
+                let more = [x, z, term.couple_n_m(&at)];
+                load = [0, 1, 2].map(|i| load[i] + more[i]);
+                let stiffer = term.stiffness_n_m(&at, increment.rate);
+                stiffness = [0, 1, 2].map(|i| stiffness[i] + stiffer[i]);
             }
             for i in 0..2 {
                 // A force that is constant within the step shifts the target, as gravity does.
-                increment.target[k][i] += force[i] / (mesh.inertia[k][i] * increment.rate * increment.rate);
+                increment.target[k][i] += load[i] / (mesh.inertia[k][i] * increment.rate * increment.rate);
             }
-            increment.term_force[k] = force;
+            if load[2] != 0.0 {
+                increment.target[k][2] += load[2] / (mesh.inertia[k][2] * increment.rate * increment.rate);
+            }
+            increment.has_stiff_forces |= stiffness != [0.0; 3];
+            increment.term_force[k] = TermForce { load, place_m: at.position_m, stiffness };
         }
     }
 
@@ -311,10 +326,13 @@ impl Beam {
             }
         }
         if !self.terms.forces.is_empty() {
-            // The target of a node holds the force on it, which is a part of the node's acceleration.
+            // The target of a node holds the force at its predicted position, which is a part of the node's acceleration.
             let forced = state.acceleration.iter_mut().zip(increment.term_force.iter().zip(&mesh.inertia));
             for (acceleration, (force, inertia)) in forced {
-                (0..2).for_each(|i| acceleration[i] += force[i] / inertia[i]);
+                (0..2).for_each(|i| acceleration[i] += force.load[i] / inertia[i]);
+                if force.load[2] != 0.0 {
+                    acceleration[2] += force.load[2] / inertia[2];
+                }
             }
         }
         if increment.load.acts() {
@@ -332,6 +350,9 @@ impl Beam {
         }
         if increment.hysteresis.acts() {
             increment.hysteresis.end_step(&state.strain);
+        }
+        if increment.section_moments.acts() {
+            increment.section_moments.end_step(&state.strain);
         }
         let stiffening = rate * increment.kelvin_voigt_time_s;
         if stiffening > 0.0 || self.parameters.creep_fraction > 0.0 {

@@ -18,13 +18,29 @@ pub struct PointState {
     pub position_m: [f64; 2],
     /// (x, z) in m/s.
     pub velocity_m_s: [f64; 2],
+    /// Angle of the section from +x in rad, counter-clockwise.
+    pub angle_rad: f64,
 }
 
-/// Force on every piece of the beam. It is evaluated at the predicted state at the end of a time step and held constant
-/// within the step, so that it must not change much within one.
+/// Force on every piece of the beam. It is evaluated at the predicted state at the end of a time step. Within the step it
+/// changes by its [stiffness](Self::stiffness_n_m) alone: a force without one must not change much within a step.
 pub trait ForceTerm: Send + Sync {
     /// Returns the force (x, z) in N on a piece.
     fn force_n(&self, at: &PointState) -> [f64; 2];
+
+    /// Returns the couple in N m on a piece, counter-clockwise in the x-z plane.
+    fn couple_n_m(&self, at: &PointState) -> f64 {
+        let _ = at;
+        0.0
+    }
+
+    /// Returns minus the symmetric derivative (xx, xz, zz) in N/m of the force by the position at the end of the step, where
+    /// velocities follow positions at `rate_per_s`. It must have no negative eigenvalue. The step is then linearly implicit in the
+    /// force, so that a stiff one, such as that of a wall, stays stable.
+    fn stiffness_n_m(&self, at: &PointState, rate_per_s: f64) -> [f64; 3] {
+        let _ = (at, rate_per_s);
+        [0.0; 3]
+    }
 }
 
 /// Place of one element along the beam.
@@ -107,6 +123,25 @@ pub trait HystereticTerm: Send + Sync {
     fn reply(&self, moment_n_m: f64, change_per_m: f64) -> Reply;
 }
 
+/// State of a section of the beam in motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BendState {
+    /// Time since the start in s; 0 at rest.
+    pub time_s: f64,
+    /// Material coordinate: fraction of the rest length from the grip (0) to the tip (1).
+    pub fraction: f64,
+    /// Curvature less the rest curvature, in 1/m.
+    pub curvature_per_m: f64,
+    /// Its mean rate over the time step, in 1/(m s); 0 at rest.
+    pub curvature_rate_per_m_s: f64,
+}
+
+/// Bending moment without memory, in addition to the elastic one. It acts at rest, too.
+pub trait MomentTerm: Send + Sync {
+    /// Returns the moment in N m with which a section resists: positive against a growing curvature. It must be smooth.
+    fn moment_n_m(&self, at: &BendState) -> f64;
+}
+
 /// Change of the grip.
 pub trait GripTerm: Send + Sync {
     /// Changes the state of the clamped section at `time_s`. `reaction` is its load at the end of the last step; there is none
@@ -127,13 +162,18 @@ pub struct Terms {
     pub ageings: Vec<Arc<dyn AgeingTerm>>,
     /// Bending moments with memory. They add up.
     pub hystereses: Vec<Arc<dyn HystereticTerm>>,
+    /// Bending moments without memory. They add up.
+    pub moments: Vec<Arc<dyn MomentTerm>>,
 }
 
 impl fmt::Debug for Terms {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { forces, materials, grips, ageings, hystereses } = self;
+        let Self { forces, materials, grips, ageings, hystereses, moments } = self;
         let [forces, materials, grips] = [forces.len(), materials.len(), grips.len()];
-        let [ageings, hystereses] = [ageings.len(), hystereses.len()];
-        write!(f, "{forces} forces, {materials} materials, {grips} grips, {ageings} ageings, {hystereses} hystereses")
+        let [ageings, hystereses, moments] = [ageings.len(), hystereses.len(), moments.len()];
+        write!(
+            f,
+            "{forces} forces, {materials} materials, {grips} grips, {ageings} ageings, {hystereses} hystereses, {moments} moments"
+        )
     }
 }

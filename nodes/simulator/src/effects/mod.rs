@@ -12,6 +12,8 @@
 //! Physics that [`crate::EpisodeModel`] has no field for comes in through the terms of its hook,
 //! [`crate::beam::ForceTerm`] and its like.
 //!
+//! A model file may state effects of its own as expressions ([`Registry::with_expressions`]).
+//!
 //! Two further lists are no candidates of a search: templates say in which part of the simulator, where and how fast something
 //! is missing ([`Registry::with_templates`]); unlisted effects are hidden in the episodes of blind tests
 //! ([`Registry::with_unlisted`]).
@@ -38,6 +40,7 @@ mod delta_anchor;
 mod density;
 mod dropped_frames;
 mod exposure;
+mod expression;
 mod frame_delay;
 mod gravity_tilt;
 mod grip_angle;
@@ -70,5 +73,6 @@ mod wrench_bias;
 mod wrench_delay;
 
 pub use effect::{About, Effect, Hook, Sign};
+pub use expression::ExpressionError;
 pub use registry::{Registry, replaced};
 pub use templates::{FREQUENCY as TEMPLATE_FREQUENCY, PLACE as TEMPLATE_PLACE};

@@ -1,14 +1,17 @@
 //! Registry of effects.
 
 use super::effect::Effect;
+use super::expression::ExpressionError;
 use super::{
     arm_delay, arm_lag, arm_standing_error, axial_law, axial_stiffness, camera_offset_x, camera_offset_z, camera_scale,
-    camera_tilt, creep, delta_anchor, density, dropped_frames, exposure, frame_delay, gravity_tilt, grip_angle,
-    grip_compliance, grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag, overhang,
-    quadratic_drag, rest_bend, rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset, start_velocity,
-    stiffness_gradient, strand_friction, table_adhesion, table_friction, table_height, templates, tip_load, tip_mass,
-    unlisted, wrench_bias, wrench_delay,
+    camera_tilt, creep, delta_anchor, density, dropped_frames, exposure, expression, frame_delay, gravity_tilt,
+    grip_angle, grip_compliance, grip_slip, kelvin_voigt, keypoint_bias, keypoint_noise, lens_distortion, linear_drag,
+    overhang, quadratic_drag, rest_bend, rest_curvature, rest_curvature_gradient, rolling_shutter, start_offset,
+    start_velocity, stiffness_gradient, strand_friction, table_adhesion, table_friction, table_height, templates,
+    tip_load, tip_mass, unlisted, wrench_bias, wrench_delay,
 };
+use catenary_core::Model;
+use catenary_core::model::Expression;
 use std::sync::{Arc, LazyLock};
 
 /// Former effects, with what replaced them. Their names stay refused, so that no old file is read with another meaning.
@@ -26,6 +29,8 @@ pub fn replaced(name: &str) -> Option<(&'static str, &'static str)> {
 #[derive(Clone)]
 pub struct Registry {
     effects: Vec<Arc<dyn Effect>>,
+    /// Expressions whose effects are in the list.
+    expressions: Vec<Expression>,
 }
 
 impl Registry {
@@ -88,7 +93,7 @@ impl Registry {
                 Arc::new(bias_y),
                 Arc::new(wrench_delay::WrenchDelay),
             ];
-            Registry { effects }
+            Registry { effects, expressions: Vec::new() }
         });
         &SHIPPED
     }
@@ -117,6 +122,20 @@ impl Registry {
         more.into_iter().fold(self.clone(), |registry, effect| registry.with(effect))
     }
 
+    /// Returns this list with the effects that a model file states as expressions.
+    ///
+    /// # Errors
+    /// Those of [`ExpressionError`].
+    pub fn with_expressions(&self, model: &Model) -> Result<Registry, ExpressionError> {
+        // A list that has them already stays.
+        if self.expressions == model.expressions {
+            return Ok(self.clone());
+        }
+        let mut effects = self.effects.clone();
+        effects.extend(expression::all(model, self)?);
+        Ok(Registry { effects, expressions: model.expressions.clone() })
+    }
+
     /// Returns this list with one more effect.
     ///
     /// # Panics
@@ -126,7 +145,7 @@ impl Registry {
         assert!(self.find(name).is_none(), "effect `{name}` is in the registry already");
         let mut effects = self.effects.clone();
         effects.push(effect);
-        Registry { effects }
+        Registry { effects, ..self.clone() }
     }
 
     /// Returns the effects in the order in which they act.

@@ -51,7 +51,8 @@ impl EpisodeSimulation {
         registry: &Registry,
         discretisation: Discretisation,
     ) -> Result<Self, ParameterError> {
-        let episode_model = Values::middle(registry, model)?.episode_model(model)?;
+        let registry = registry.with_expressions(model)?;
+        let episode_model = Values::middle(&registry, model)?.episode_model(model)?;
         Ok(Self {
             beam: Beam::new(episode_model.beam, discretisation, GripState::default())?,
             imperfect_camera: ImperfectCamera::new(&episode_model.camera, episode_model.camera.view, None, None),
@@ -59,7 +60,7 @@ impl EpisodeSimulation {
             target_scaled: [0.0; 2],
             start_noise: None,
             episode_model,
-            registry: registry.clone(),
+            registry,
             model: model.clone(),
         })
     }
