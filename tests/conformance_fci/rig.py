@@ -94,7 +94,8 @@ class Server:
 
     def __init__(self, *arguments, pace="lock_step"):
         self.address = next_address()
-        command = [SERVER, f"{self.address}:1337", f"pace={pace}", *arguments]
+        # A client on a busy machine may stand still for longer than the server's usual patience, after which cycles go on without it.
+        command = [SERVER, f"{self.address}:1337", f"pace={pace}", "patience=20", *arguments]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, bufsize=1)
         self.events, self._answers = [], queue.Queue()
