@@ -309,6 +309,8 @@ mod tests {
     #[test]
     fn the_wrench_is_differentiated_too() {
         let mut model = cable();
+        // A start in motion makes the cable ring along its length, which no difference over 1e-5 kg resolves.
+        model.effects.retain(|effect| !effect.name.starts_with("start_"));
         model.observation.wrench = Some(WrenchNoise { force_sd_n: [1.0, 0.1], torque_sd_n_m: 0.05 });
         let path = |t: f64| GripPose { x_m: 0.4 + 0.05 * (6.0 * t).sin(), z_m: 1.3, pitch_rad: 0.0 };
         let times_s: Vec<f64> = (0..=100).map(|i| 0.01 * f64::from(i)).collect();
