@@ -1,7 +1,7 @@
 //! Physical parameters and effects that a model may name, and the episode settings that they make.
 
 use crate::beam::{BeamError, BeamParameters, StartChange, Table, Terms};
-use crate::effects::{ExpressionError, Registry, replaced};
+use crate::effects::{ExpressionError, Registry, check_names, replaced};
 use crate::episode_model::{ArmSettings, CameraSettings, Companions, EpisodeModel, StrandSlip, WrenchSettings};
 use catenary_core::Model;
 use catenary_core::spelling::did_you_mean;
@@ -338,6 +338,7 @@ pub fn check(model: &Model) -> Result<(), ParameterError> {
 /// # Errors
 /// [`ParameterError`] of the first problem.
 pub fn check_with(model: &Model, registry: &Registry) -> Result<(), ParameterError> {
+    check_names(&model.expressions, |name| CATALOGUE.iter().any(|p| p.name == name))?;
     let registry = &registry.with_expressions(model)?;
     let theta = model.theta.parameters().iter().map(|p| (&p.name, &p.prior));
     for (name, prior) in theta.chain(model.effects.iter().map(|e| (&e.name, &e.distribution))) {

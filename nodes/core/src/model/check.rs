@@ -74,7 +74,7 @@ impl Model {
         ModelError::within("camera.position_jitter_m", JITTER_M, "m", self.camera.position_jitter_m)?;
         self.check_arm()?;
         self.check_lacking()?;
-        expression::check(self)?;
+        expression::check(&self.expressions)?;
         self.task.as_ref().map_or(Ok(()), task)
     }
 

@@ -1,6 +1,6 @@
 //! Effects that a model file states as expressions.
 
-use super::{Model, ModelError};
+use super::error::ModelError;
 use crate::Prior;
 use serde::{Deserialize, Serialize};
 
@@ -71,10 +71,10 @@ impl Expression {
     }
 }
 
-/// Checks the expressions of a model as far as their texts need not be read.
-pub(super) fn check(model: &Model) -> Result<(), ModelError> {
+/// Checks a model's expressions as far as their texts need not be read.
+pub(super) fn check(expressions: &[Expression]) -> Result<(), ModelError> {
     let mut seen: Vec<&str> = Vec::new();
-    for effect in &model.expressions {
+    for effect in expressions {
         let path = format!("expressions.{}", effect.name);
         if effect.texts().next().is_none() {
             let expected = "an expression: force_x_n_m, force_z_n_m, couple_n_m_m or moment_n_m";

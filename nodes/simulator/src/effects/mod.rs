@@ -74,5 +74,6 @@ mod wrench_delay;
 
 pub use effect::{About, Effect, Hook, Sign};
 pub use expression::ExpressionError;
+pub(crate) use expression::check_names;
 pub use registry::{Registry, replaced};
 pub use templates::{FREQUENCY as TEMPLATE_FREQUENCY, PLACE as TEMPLATE_PLACE};

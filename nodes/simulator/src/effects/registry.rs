@@ -132,7 +132,11 @@ impl Registry {
             return Ok(self.clone());
         }
         let mut effects = self.effects.clone();
-        effects.extend(expression::all(model, self)?);
+        // A simulation may have templates and unlisted effects beside those that a search offers.
+        let every = Self::complete();
+        effects.extend(expression::all(&model.expressions, |name| {
+            self.find(name).is_some() || every.find(name).is_some()
+        })?);
         Ok(Registry { effects, expressions: model.expressions.clone() })
     }
 

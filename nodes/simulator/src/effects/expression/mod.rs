@@ -5,10 +5,8 @@ mod formula;
 mod tests;
 
 use super::effect::{About, Effect, Hook};
-use super::registry::Registry;
 use crate::beam::{BendState, ForceTerm, MomentTerm, PointState};
 use crate::episode_model::EpisodeModel;
-use catenary_core::Model;
 use catenary_core::model::Expression;
 use formula::Formula;
 use std::collections::BTreeSet;
@@ -56,16 +54,21 @@ impl ExpressionError {
     }
 }
 
-/// Makes the effects that `model` states, each after its companions. Their names must be free in `registry`.
-pub(super) fn all(model: &Model, registry: &Registry) -> Result<Vec<Arc<dyn Effect>>, ExpressionError> {
+/// Makes the effects of a model's expressions, each after its companions. `is_effect` tells whether an effect has a name already.
+pub(super) fn all(
+    expressions: &[Expression],
+    is_effect: impl Fn(&str) -> bool,
+) -> Result<Vec<Arc<dyn Effect>>, ExpressionError> {
     let mut effects: Vec<Arc<dyn Effect>> = Vec::new();
-    for expression in &model.expressions {
-        let field = format!("expressions.{}", expression.name);
-        let names = [&expression.name].into_iter().chain(expression.companions.iter().map(|c| &c.name));
-        for name in names {
-            if let Some(what) = owner(name, registry) {
-                return Err(ExpressionError::Taken { field: field.clone(), what });
-            }
+    for expression in expressions {
+        for name in names(expression) {
+            let is_variable = FORCE_VARIABLES.iter().chain(&MOMENT_VARIABLES).any(|v| *v == name);
+            let what = match (is_variable, is_effect(name)) {
+                (true, _) => format!("the variable `{name}` of expressions"),
+                (_, true) => format!("the effect `{name}`"),
+                _ => continue,
+            };
+            return Err(taken(expression, what));
         }
         for companion in &expression.companions {
             effects.push(Arc::new(Number::new(companion)));
@@ -75,18 +78,25 @@ pub(super) fn all(model: &Model, registry: &Registry) -> Result<Vec<Arc<dyn Effe
     Ok(effects)
 }
 
-/// Returns what has a name already.
-fn owner(name: &str, registry: &Registry) -> Option<String> {
-    let is_variable = FORCE_VARIABLES.iter().chain(&MOMENT_VARIABLES).any(|v| *v == name);
-    let is_parameter = crate::parameters::CATALOGUE.iter().any(|p| p.name == name);
-    // A simulation may have templates and unlisted effects beside those that a search offers.
-    let is_effect = registry.find(name).is_some() || Registry::complete().find(name).is_some();
-    match (is_variable, is_parameter, is_effect) {
-        (true, _, _) => Some(format!("the variable `{name}` of expressions")),
-        (_, true, _) => Some(format!("the parameter `{name}`")),
-        (_, _, true) => Some(format!("the effect `{name}`")),
-        _ => None,
+/// Fails if an expression has the name of a physical parameter.
+pub(crate) fn check_names(
+    expressions: &[Expression],
+    is_parameter: impl Fn(&str) -> bool,
+) -> Result<(), ExpressionError> {
+    let mut all = expressions.iter().flat_map(|e| names(e).map(move |name| (e, name)));
+    match all.find(|(_, name)| is_parameter(name)) {
+        Some((expression, name)) => Err(taken(expression, format!("the parameter `{name}`"))),
+        None => Ok(()),
     }
+}
+
+/// Names of an expression and its companions.
+fn names(expression: &Expression) -> impl Iterator<Item = &str> {
+    std::iter::once(expression.name.as_str()).chain(expression.companions.iter().map(|c| c.name.as_str()))
+}
+
+fn taken(expression: &Expression, what: String) -> ExpressionError {
+    ExpressionError::Taken { field: format!("expressions.{}", expression.name), what }
 }
 
 /// Returns the text for as long as the program runs. Equal texts are kept once, so that a program that reads its models again and
