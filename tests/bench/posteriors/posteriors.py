@@ -1,15 +1,17 @@
 """Posteriors and best fits of `catenary infer` against an independent sampler and an independent optimiser on the same simulator.
 
-    tests/bench/posteriors/run [--data DIR] [--worlds 10] [--bars 4] [--only NAME] [--steps 1200] [--json]
+    tests/bench/posteriors/run [--data DIR] [--worlds 10] [--bars 4] [--only NAME] [--steps 1200] [--fits] [--json]
 
 A case is a recording with its model: the bare swings of measured cables (--data, a folder that holds the folders of the cables), the
 paper's bars in a simulated cell, and worlds: a cable with hysteresis and random parameters that swings as the first measured one did.
 For each case
 
 1. `catenary infer` gives the refined posterior and its best fit, and with `--preset networks` the posterior of the networks alone,
-2. CMA-ES (pycma), from four starts, gives the least cost,
+2. CMA-ES (pycma), from four starts, gives the least cost; `catenary find-effects`, whose effects are all vetoed, the error of its fit,
 3. emcee, whose walkers start at the cheapest of random points and at the end of CMA-ES, gives draws of the posterior,
 4. scikit-learn's classifier tells draws of a posterior from those of emcee in the parameters: C2ST, .5 if it cannot.
+
+With --fits the networks, 3 and 4 are left out: best fits alone, in two minutes a case.
 
 The simulator of 2 and 3 is `catenary bench costs`: points in, costs out. Results are kept in .build/posteriors/results, and an
 interrupted run goes on from there.
@@ -19,6 +21,7 @@ import argparse
 import hashlib
 import json
 import math
+import os
 import pathlib
 import subprocess
 import sys
@@ -37,7 +40,7 @@ import motion
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 MODELS = ROOT / "launch_configs/models"
-PROGRAM = ROOT / "target/release/catenary"
+PROGRAM = pathlib.Path(os.environ.get("CATENARY_PROGRAM", ROOT / "target/release/catenary"))
 # Lengths in m, diameters in m and masses in kg of the measured cables.
 CABLES = {"measured_cable": (0.4, 0.020, 0.42), "measured_cable_2": (0.45, 0.015, 0.25)}
 DRAWS = 1000
@@ -207,37 +210,61 @@ def cases(arguments, out):
             yield f"world_{world}", bag, model
 
 
-def row_of(name, bag, model, out, steps, seed=1):
-    """Figures of a case."""
+def finder_rmse_mm(name, bag, model, out):
+    """Error in mm of the fit of `catenary find-effects`, which may add nothing to the model."""
+    alone, found = out / f"{name}_alone.yaml", out / f"{name}_finder"
+    if not (found / "verdict.json").exists():
+        effects = [effect["name"] for effect in json.loads(program("effects", "--json"))]
+        content = yaml.safe_load(model.read_text())
+        taken = {p["name"] for p in content["theta"]} | {e["name"] for e in content["effects"]} | set(content["parameters"])
+        content["lacking"] = {"vetoes": [effect for effect in effects if effect not in taken]}
+        alone.write_text(yaml.safe_dump(content, sort_keys=False))
+        program("find-effects", bag, "--model", alone, "--null-sets", 19, "--out", found)
+    return json.loads((found / "verdict.json").read_text())["present"]["rmse_mm"]
+
+
+def row_of(name, bag, model, out, steps, fits, seed=1):
+    """Figures of a case; those of its best fits alone with `fits`."""
     refined, alone = out / f"{name}_refined", out / f"{name}_networks"
-    for folder, preset in ((refined, "default"), (alone, "networks")):
+    for folder, preset in ((refined, "default"), *([] if fits else [(alone, "networks")])):
         if not (folder / "inference.json").exists():
             program("infer", "--bag", bag, "--model", model, "--preset", preset, "--out", folder)
     answer = json.loads((refined / "inference.json").read_text())
     simulator = Simulator(bag, model, refined / "inference.json")
     least, at = optimum(simulator, seed)
-    draws, time = chains(simulator, at, answer["refinement"]["noise_inflation"], steps, seed)
+    draws = None if fits else chains(simulator, at, answer["refinement"]["noise_inflation"], steps, seed)
     rmse_mm = simulator.rmse_mm(at)
     simulator.close()
-    thetas = draws[:, : simulator.head["parameters"]]
     own = answer["refinement"]
+    sampled = {} if draws is None else compared(simulator, *draws, refined, alone, seed)
+    return (
+        {"case": name}
+        | sampled
+        | {
+            "cost": own["best_fit_residual"] * simulator.head["measured"],
+            "cost_cma": float(least),
+            "rmse_mm": own["best_fit_rmse_mm"],
+            "rmse_cma_mm": rmse_mm,
+            "rmse_finder_mm": finder_rmse_mm(name, bag, model, out),
+            "predictive_mm": (answer["predictive"] or {}).get("rmse_mm"),
+            "networks_mm": own["networks_rmse_mm"],
+            "wall_s": answer["wall_s"],
+            "inflation": own["noise_inflation"],
+            "modes": own["modes"],
+            "steps": own["steps"],
+            "drift": own["drift"],
+            "points": simulator.count,
+        }
+    )
+
+
+def compared(simulator, draws, time, refined, alone, seed):
+    """C2ST of the posteriors against draws of emcee, with their autocorrelation time."""
+    thetas = draws[:, : simulator.head["parameters"]]
     return {
-        "case": name,
         "c2st": c2st(thetas, unit_draws(refined / "posterior.json", seed)),
         "c2st_networks": c2st(thetas, unit_draws(alone / "posterior.json", seed)),
-        "cost": own["best_fit_residual"] * simulator.head["measured"],
-        "cost_cma": float(least),
-        "rmse_mm": own["best_fit_rmse_mm"],
-        "rmse_cma_mm": rmse_mm,
-        "predictive_mm": (answer["predictive"] or {}).get("rmse_mm"),
-        "networks_mm": own["networks_rmse_mm"],
-        "wall_s": answer["wall_s"],
-        "inflation": own["noise_inflation"],
-        "modes": own["modes"],
-        "steps": own["steps"],
-        "drift": own["drift"],
         "autocorrelation": time,
-        "points": simulator.count,
     }
 
 
@@ -256,6 +283,7 @@ def main():
     parser.add_argument("--only", help="name of the one case to run")
     parser.add_argument("--steps", type=int, default=1200, help="steps of emcee, half of them to settle")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / ".build/posteriors/results")
+    parser.add_argument("--fits", action="store_true", help="best fits alone")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     # Another program, or another number of steps, has other results.
@@ -266,10 +294,10 @@ def main():
     for name, bag, model in cases(arguments, arguments.out):
         if arguments.only not in (None, name):
             continue
-        kept = arguments.out / f"{name}.json"
+        kept = arguments.out / f"{name}{'_fits' if arguments.fits else ''}.json"
         if not kept.exists():
             print(name, file=sys.stderr)
-            kept.write_text(json.dumps(row_of(name, bag, model, arguments.out, arguments.steps)))
+            kept.write_text(json.dumps(row_of(name, bag, model, arguments.out, arguments.steps, arguments.fits)))
         rows.append(json.loads(kept.read_text()))
     print(json.dumps(rows) if arguments.json else text(rows) if rows else "no case")
 

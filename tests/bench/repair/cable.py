@@ -3,8 +3,9 @@
     source .venv/ros.env; .venv/bin/python tests/bench/repair/cable.py --data DIR --out DIR [--length-m 0.4] [--diameter-m 0.02]
         [--mass-kg 0.42] [--tip-mass-kg 0.23] [--marker-mass-kg 0.03] [--null-sets 199] [--part all] [--json]
 
-Posteriors (recordings.py has the model). Each recording, of the bare cable and with a mass at the tip, a free swing or a moving grip, gives
-a posterior, which predicts the other recording of the same state. A table ends this part.
+Posteriors (recordings.py has the models). Each recording, bare or with a load at the tip, a free swing or a moving grip, gives
+a posterior, which predicts the other recording of the same state. Where the wrench was recorded, a second posterior compares it, too. A
+table ends this part.
 
 Searches, from a model without tip mass, damping and rest curvature:
 
@@ -130,7 +131,7 @@ def searches(arguments, known):
             row = labels | findings.row_of(verdict)
             told = {"part": "search"} | row
             print(json.dumps(told) if arguments.json else findings.text(row, ", ".join(labels.values())), flush=True)
-            for posterior in (p for p in known if (p["motion"], p["state"]) == (motion, state)):
+            for posterior in (p for p in known if (p["motion"], p["state"], p["compared"]) == (motion, state, "keypoints")):
                 tell_agreement(arguments, labels, posterior, verdict)
             if (model, motion) == (straight, SWING):
                 if row["verdict"] not in rows.NAMED:

@@ -1,8 +1,12 @@
 """Recordings of a measured cable: posteriors by `catenary infer`, and predictions of the other recordings of the same state.
 
-The model is launch_configs/models/measured_cable.yaml with the measured length, diameter and masses of the cable. With a mass at the tip,
-the tip's mass is unknown, from 0 to 0.5 kg, which tells how far a posterior may be trusted: the mass was weighed. Poses at rest
-(static_*.csv) are not read.
+The model is launch_configs/models/measured_cable.yaml with the measured length, diameter and masses of the cable. With a load at the tip,
+its mass, its centre beyond the tip and its radius of gyration are unknown, and the cable's own parameters have the posterior of the bare
+swing as their prior: the load was weighed, which tells how far a posterior may be trusted. Where a recording has the wrench on the hand, it
+is compared, too. Its biases are unknown in the bare recording, and those of the loaded one have that posterior as their prior.
+
+Poses at rest (static_*.csv) are not read: the friction between the strands of a cable holds it at rest within a band of shapes, and the
+motion that led to each pose was not recorded.
 """
 
 import csv
@@ -20,7 +24,22 @@ MODEL = MODELS / "measured_cable.yaml"
 BARE, LOADED = "bare", "tip_mass"
 STATES = (BARE, LOADED)
 MOTIONS = ("swing", "moving_grip")
-TIP, TIP_PRIOR = "tip_mass_kg", {"uniform": {"low": 0.0, "high": 0.5}}
+MARKERS, TIP = "tip_mass_kg", "tip_load_kg"
+LOAD = {
+    TIP: {"uniform": {"low": 0.0, "high": 0.5}},
+    # The weight hangs on a hook or a thread of some centimetres.
+    "tip_load_offset_m": {"uniform": {"low": 0.0, "high": 0.1}},
+    "tip_load_gyration_radius_m": {"uniform": {"low": 0.0, "high": 0.05}},
+}
+# Noise of an arm's wrench: the force along the motion holds the arm's own inertia and friction.
+WRENCH = {"force_sd_n": [1.0, 0.1], "torque_sd_n_m": 0.05}
+BIASES = {
+    "wrench_bias_x_n": {"normal": {"mean": 0.0, "sd": 1.0, "low": -3.0, "high": 3.0}},
+    "wrench_bias_z_n": {"normal": {"mean": 0.0, "sd": 1.0, "low": -3.0, "high": 3.0}},
+    "wrench_bias_y_n_m": {"normal": {"mean": 0.0, "sd": 0.2, "low": -1.0, "high": 1.0}},
+}
+# Standard deviation of the change of a bias from one recording to the next, in the units of the biases.
+BIAS_DRIFT = {"wrench_bias_x_n": 0.15, "wrench_bias_z_n": 0.15, "wrench_bias_y_n_m": 0.03}
 # Space about the measured points that a simulated cable may reach, as a share of their extent.
 MARGIN = 0.1
 # Side of the mask in pixels.
@@ -79,18 +98,45 @@ def place_view(model, tracks):
     view |= {"centre_m": [(low + high) / 2 for low, high in ends], "side_m": side_m}
 
 
-def write_model(path, arguments, state):
-    """Writes the model of the cable in a state from measured lengths and masses."""
+def model_of(arguments, state, known):
+    """Model of the cable in a state from measured lengths and masses. `known` are marginals of the bare cable: name to median and 5 and
+    95 % quantiles."""
     model = yaml.safe_load(MODEL.read_text())
     model["name"] = f"cable_{state}"
     model["object"]["section"] = {"round": {"diameter_m": arguments.diameter_m}}
-    known = {"length_m": arguments.length_m, "density_kg_m3": density_kg_m3(arguments), TIP: arguments.marker_mass_kg}
-    model["parameters"] |= known
+    measured = {"length_m": arguments.length_m, "density_kg_m3": density_kg_m3(arguments), MARKERS: arguments.marker_mass_kg}
+    model["parameters"] |= measured
     if state == LOADED:
-        del model["parameters"][TIP]
-        model["theta"].append({"name": TIP, "prior": TIP_PRIOR})
+        del model["parameters"][MARKERS]
+        for entry in model["theta"]:
+            entry["prior"] = informed(entry["name"], entry["prior"], known)
+        model["theta"] += [{"name": name, "prior": prior} for name, prior in LOAD.items()]
     place_view(model, [path for path in (track(arguments, motion, state) for motion in MOTIONS) if path.exists()])
-    path.write_text(yaml.safe_dump(model, sort_keys=False))
+    return model
+
+
+def informed(name, prior, known):
+    """Normal prior of a known marginal within the bounds of `prior`; `prior` itself for a name that is not known."""
+    if name not in known:
+        return prior
+    ((_, bounds),) = prior.items()
+    median, q05, q95 = known[name]
+    sd = math.hypot((q95 - q05) / (2 * NINETY), BIAS_DRIFT.get(name, 0.0))
+    low, high = max(bounds["low"], median - 6 * sd), min(bounds["high"], median + 6 * sd)
+    return {"normal": {"mean": median, "sd": sd, "low": low, "high": high}}
+
+
+def with_wrench(model, known):
+    """The same model, which observes the wrench, too, with unknown biases."""
+    biases = [{"name": name, "prior": informed(name, prior, known)} for name, prior in BIASES.items()]
+    observation = model["observation"] | {"wrench": WRENCH}
+    return model | {"name": f"{model['name']}_wrench", "theta": [*model["theta"], *biases], "observation": observation}
+
+
+def has_wrench(path):
+    """Whether a measured track has the wrench on the hand."""
+    with path.open(newline="") as file:
+        return "grip_fz_n" in next(csv.reader(file))
 
 
 def track(arguments, motion, state):
@@ -127,13 +173,11 @@ def inferred(arguments, model, state, motion, others):
     return json.loads((folder / "inference.json").read_text())
 
 
-def row_of(arguments, state, motion, others, result, noise):
+def row_of(arguments, labels, others, result, noise):
     """Figures of one recording."""
     check, refinement = result["predictive"], result["refinement"]
     predictions = [{"motion": m} | {key: p.get(key) for key in FIGURES} for m, p in zip(others, result["predictions"], strict=True)]
-    return {
-        "state": state,
-        "motion": motion,
+    return labels | {
         "marginals": {m["name"]: [m["median"], m["q05"], m["q95"]] for m in result["marginals"]},
         "priors": {p["name"]: p["prior"] for p in result["posterior"]["parameters"]},
         "rmse_mm": check and check["rmse_mm"],
@@ -143,7 +187,7 @@ def row_of(arguments, state, motion, others, result, noise):
         "best_fit_rmse_mm": refinement and refinement["best_fit_rmse_mm"],
         "noise_inflation": refinement and refinement["noise_inflation"],
         "modes": refinement and refinement["modes"],
-        "tip_mass_known_kg": arguments.tip_mass_kg if state == LOADED else None,
+        "tip_mass_known_kg": arguments.tip_mass_kg if labels["state"] == LOADED else None,
         "predictions": predictions,
         "misfit": result["misfit"],
         "warnings": result["warnings"],
@@ -153,24 +197,40 @@ def row_of(arguments, state, motion, others, result, noise):
 
 def rows(arguments):
     """Rows of all recordings that the folder holds; each is told as soon as it is there. Motions that it lacks are named."""
+    known = {}
     for state in STATES:
         present = [motion for motion in MOTIONS if track(arguments, motion, state).exists()]
         for motion in MOTIONS:
             if motion not in present:
                 print(f"{track(arguments, motion, state)}: absent, skipped", file=sys.stderr)
-        if not present:
-            continue
-        model = arguments.out / f"cable_{state}.yaml"
-        write_model(model, arguments, state)
         for motion in present:
             others = [other for other in present if other != motion]
-            result = inferred(arguments, model, state, motion, others)
-            yield row_of(arguments, state, motion, others, result, noise_mm(model))
+            keypoints = row(arguments, state, motion, model_of(arguments, state, known), others, "keypoints")
+            yield keypoints
+            # The swing alone determines the cable, so that a moving grip informs no prior of the loaded cable but the wrench's.
+            if (state, motion) == (BARE, "swing"):
+                known |= keypoints["marginals"]
+            if has_wrench(track(arguments, motion, state)):
+                model = with_wrench(model_of(arguments, LOADED if state == LOADED else BARE, known), known)
+                both = row(arguments, state, motion, model, [], "keypoints and wrench")
+                yield both
+                if state == BARE:
+                    known |= {name: both["marginals"][name] for name in BIASES}
+
+
+def row(arguments, state, motion, model, others, compared):
+    """Row of one recording by one model, of which `compared` names the compared channels."""
+    path = arguments.out / f"{model['name']}_{motion}.yaml"
+    path.write_text(yaml.safe_dump(model, sort_keys=False))
+    labels = {"state": state, "motion": motion, "compared": compared}
+    return row_of(arguments, labels, others, inferred(arguments, path, state, motion, others), noise_mm(path))
 
 
 def share_of_prior(prior, low, high):
     """Width of an interval as a share of the prior's 90 %."""
     ((kind, bounds),) = prior.items()
+    if kind == "normal":
+        return (high - low) / (2 * NINETY * bounds["sd"])
     scale = math.log if kind == "log_uniform" else float
     return (scale(high) - scale(low)) / (0.9 * (scale(bounds["high"]) - scale(bounds["low"])))
 
@@ -187,7 +247,7 @@ def text(row):
     fitted = [f"RMSE {named(row['rmse_mm'], '{:.1f} mm')}, {named(ratio, '{:.2f}')} of the stated noise"]
     fitted += [f"{named(row['coverage'], '{:.0%}')} in the 90 % band", f"p = {named(row['p_value'], '{:.3f}')}"]
     fitted += [f"{named(row['modes'], '{}')} modes", f"{row['wall_s']:.0f} s"]
-    lines = [f"{row['motion']} {row['state']}: {', '.join(fitted)}"]
+    lines = [f"{row['motion']} {row['state']}, {row['compared']}: {', '.join(fitted)}"]
     for name, (median, low, high) in row["marginals"].items():
         share = share_of_prior(row["priors"][name], low, high)
         lines.append(f"  {name} {median:.3g} ({low:.3g} to {high:.3g}), {share:.0%} of the prior's interval")
@@ -242,7 +302,7 @@ def table(all_rows):
     for row in all_rows:
         rmse_mm, tip = row["rmse_mm"], row["marginals"].get(TIP)
         first = [
-            f"{row['motion']} {row['state']}",
+            f"{row['motion']} {row['state']}, {row['compared']}",
             *(["-", "-"] if rmse_mm is None else [f"{rmse_mm:.1f}", f"{rmse_mm / row['noise_mm']:.2f}"]),
         ]
         first += ["{:.3f} ({:.3f} to {:.3f})".format(*tip) if tip else "known", str(len(undetermined(row)))]
