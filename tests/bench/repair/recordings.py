@@ -2,8 +2,9 @@
 
 The model is launch_configs/models/measured_cable.yaml with the measured length, diameter and masses of the cable. With a load at the tip,
 its mass, its centre beyond the tip and its radius of gyration are unknown, and the cable's own parameters have the posterior of the bare
-swing as their prior: the load was weighed, which tells how far a posterior may be trusted. Where a recording has the wrench on the hand, it
-is compared, too. Its biases are unknown in the bare recording, and those of the loaded one have that posterior as their prior.
+swing as their prior: the load was weighed, which tells how far a posterior may be trusted. Where a recording has the wrench on the hand, a
+second model with that prior compares it, too. Its biases are unknown in the bare recording, and have that posterior as their prior in the
+loaded one.
 
 Poses at rest (static_*.csv) are not read: the friction between the strands of a cable holds it at rest within a band of shapes, and the
 motion that led to each pose was not recorded.
@@ -106,10 +107,10 @@ def model_of(arguments, state, known):
     model["object"]["section"] = {"round": {"diameter_m": arguments.diameter_m}}
     measured = {"length_m": arguments.length_m, "density_kg_m3": density_kg_m3(arguments), MARKERS: arguments.marker_mass_kg}
     model["parameters"] |= measured
+    for entry in model["theta"]:
+        entry["prior"] = informed(entry["name"], entry["prior"], known)
     if state == LOADED:
         del model["parameters"][MARKERS]
-        for entry in model["theta"]:
-            entry["prior"] = informed(entry["name"], entry["prior"], known)
         model["theta"] += [{"name": name, "prior": prior} for name, prior in LOAD.items()]
     place_view(model, [path for path in (track(arguments, motion, state) for motion in MOTIONS) if path.exists()])
     return model
@@ -205,13 +206,15 @@ def rows(arguments):
                 print(f"{track(arguments, motion, state)}: absent, skipped", file=sys.stderr)
         for motion in present:
             others = [other for other in present if other != motion]
-            keypoints = row(arguments, state, motion, model_of(arguments, state, known), others, "keypoints")
+            # Each recording of the bare cable is judged alone.
+            model = model_of(arguments, state, known if state == LOADED else {})
+            keypoints = row(arguments, state, motion, model, others, "keypoints")
             yield keypoints
             # The swing alone determines the cable, so that a moving grip informs no prior of the loaded cable but the wrench's.
             if (state, motion) == (BARE, "swing"):
                 known |= keypoints["marginals"]
             if has_wrench(track(arguments, motion, state)):
-                model = with_wrench(model_of(arguments, LOADED if state == LOADED else BARE, known), known)
+                model = with_wrench(model_of(arguments, state, known), known)
                 both = row(arguments, state, motion, model, [], "keypoints and wrench")
                 yield both
                 if state == BARE:
