@@ -1,4 +1,4 @@
-//! Commands in the README files of the repository: the command line must accept each of them. A renamed option or command
+//! Commands in the documents of the repository: the command line must accept each of them. A renamed option or command
 //! would otherwise survive in the documents.
 #![allow(
     clippy::disallowed_methods,
@@ -113,15 +113,17 @@ fn refusal(command: &Command) -> Option<String> {
     (!is_fine).then(|| format!("catenary {}: {error}", command.words.join(" ")))
 }
 
-/// README files below a folder, without those of build outputs and of other projects.
-fn readmes(folder: &Path) -> Vec<PathBuf> {
+/// Markdown files below a folder, without those of build outputs and of other projects.
+fn documents(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        if path.is_dir() && !name.starts_with('.') && name != "target" {
-            found.extend(readmes(&path));
-        } else if name == "README.md" {
+        // Other folders with a leading dot hold environments and builds.
+        let is_ours = name == ".github" || !name.starts_with('.') && name != "target";
+        if path.is_dir() && is_ours {
+            found.extend(documents(&path));
+        } else if name.ends_with(".md") {
             found.push(path);
         }
     }
@@ -129,10 +131,10 @@ fn readmes(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_command_of_a_readme_is_accepted() {
+fn every_command_of_a_document_is_accepted() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let (mut all, mut refused) = (0, Vec::new());
-    for path in readmes(&root) {
+    for path in documents(&root) {
         for command in commands(&std::fs::read_to_string(&path).unwrap()) {
             all += 1;
             refused.extend(refusal(&command).map(|error| format!("{}: {error}", path.display())));
