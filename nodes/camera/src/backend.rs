@@ -11,7 +11,7 @@ pub enum Backend {
     /// Thresholds on colour.
     #[default]
     Colour,
-    /// Network that is told the object's colour.
+    /// Network that takes the object's colour as input.
     Learned,
     /// YOLOv8-seg network of the user, as in the paper.
     Yolo,

@@ -1,4 +1,4 @@
-//! Segmentation by a trained network, for any object: it is told the object's colour by a click.
+//! Segmentation by a trained network, for any object: it takes the object's colour from a click as input.
 
 mod frame;
 pub mod generator;

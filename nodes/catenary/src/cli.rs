@@ -30,7 +30,7 @@ Exit codes of every command and node:
   0    done
   1    failed at its work: a full disk, no answer, a failure of another node, a
        failed check of `doctor` or `bench`
-  2    given something wrong, so that the same command fails again: the
+  2    invalid input, so that the same command fails again: the
        command line, a file that it names, or an environment variable
   3    done and written, but the result does not fit the data, or `mask` has seen
        no object

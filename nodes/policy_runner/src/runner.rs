@@ -189,7 +189,7 @@ pub struct Step {
     pub reward: Option<f64>,
     /// Action (dx, dz) and target (x, z) of the end effector, m; `None` after the last action.
     pub action: Option<([f64; 2], [f64; 2])>,
-    /// Target (x, z) to send, m: that of the action, and in the rest the last one again, because an arm that hears nothing ends its motion.
+    /// Target (x, z) to send, m: that of the action, and in the rest the last one again, because the arm stops when targets stop.
     pub target_m: Option<[f64; 2]>,
     /// End of the episode, if this step ends it.
     pub end: Option<End>,

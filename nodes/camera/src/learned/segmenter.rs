@@ -73,7 +73,7 @@ impl Segmenter for LearnedSegmenter {
         shrink(image, self.params.crop, &mut self.pixels)?;
         let mut clicked = self.params.clicked;
         if let Some(light) = self.params.light {
-            // The colours that a click would give now. The image keeps its light: what is clipped in it cannot be made good.
+            // The colours that a click would give now. The image keeps its light: clipped pixels cannot be recovered.
             let gains = light.gains_to(&LightReference::of(image, self.params.crop)?);
             clicked = clicked.map(|colour| std::array::from_fn(|c| (gains[c] * colour[c]).min(1.0)));
         }

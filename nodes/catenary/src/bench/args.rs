@@ -137,7 +137,7 @@ pub struct CalibrationArgs {
 /// `catenary bench support`.
 #[derive(Debug, Args)]
 pub struct SupportArgs {
-    /// Truths outside of the stated support, and as many inside; each is inferred with every rule
+    /// Truths outside of the prior support, and as many inside; each is inferred with every rule
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub truths: u64,
     /// Motions of each of the bars dlo_0 to dlo_3

@@ -95,7 +95,7 @@ struct Report {
     objects: Vec<OfObject>,
 }
 
-/// Trains with every method, budget and seed on every object, which it is told.
+/// Trains oracle policies with every method, budget and seed on every object.
 pub fn run(arguments: &PoliciesArgs) -> Result<()> {
     let budgets: Vec<Option<u64>> = match arguments.steps.as_slice() {
         [] => vec![None],

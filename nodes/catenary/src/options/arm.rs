@@ -25,7 +25,7 @@ pub struct ArmOption {
 }
 
 impl ArmOption {
-    /// The model with the law of the arm that was asked for. The law is told if it is not the model's own.
+    /// The model with the law of the arm that was asked for. The law is printed if it is not the model's.
     ///
     /// # Errors
     /// A parameter file that cannot be read, no running arm.

@@ -99,7 +99,7 @@ pub fn is_searched(model: &Model) -> bool {
     model.task.is_none_or(|task| task.steps <= MOST_STEPS)
 }
 
-/// Best plan for the objects of `rows`, with a progress bar. None, which is told, for a task of too many steps.
+/// Best plan for the objects of `rows`, with a progress bar. None, with a message, for a task of too many steps.
 ///
 /// # Errors
 /// [`Interrupted`] after Ctrl-C.

@@ -9,6 +9,6 @@ use serde::{Deserialize, Serialize};
 pub enum Further {
     /// For the middle of the prior
     Mu,
-    /// One for each object, told the hidden values
+    /// An oracle for each object, which knows the hidden values
     Told,
 }

@@ -76,7 +76,7 @@ fn turned(i: &Interval) -> Interval {
     Interval { value: -i.value, low: -i.high, high: -i.low }
 }
 
-/// True if the own policy is better with a p-value below [`LEVEL`].
+/// True if the matched policy is better with a p-value below [`LEVEL`].
 fn is_gain(gain: &Gain) -> bool {
     gain.gain.value > 0.0 && gain.p < LEVEL
 }

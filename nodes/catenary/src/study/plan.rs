@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 /// File of the plan in the folder of a study.
 const FILE: &str = "plan.json";
 
-/// Hidden object. Laboratory, scoring, the policies that are told and the report read `truth`; inference and the other trainings do not.
+/// Hidden object. Laboratory, scoring, the oracle policies and the report read `truth`; inference and the other trainings do not.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Object {
     /// Name of its model.
@@ -47,7 +47,7 @@ pub enum Knowledge {
 }
 
 impl Knowledge {
-    /// Knowledge of an object's own policy: its posterior from the first evidence.
+    /// Knowledge of an object's matched policy: its posterior from the first evidence.
     pub fn own(object: usize) -> Self {
         Self::Posterior { object, evidence: 0 }
     }
@@ -233,7 +233,7 @@ impl Plan {
         [Knowledge::Prior].into_iter().chain(median).chain(own).collect()
     }
 
-    /// Knowledge of all policies: those that are deployed, those that are told, and those of the further evidence.
+    /// Knowledge of all policies: those that are deployed, the oracle policies, and those of the additional evidence.
     pub fn knowledge(&self) -> Vec<Knowledge> {
         let n = self.objects.len();
         let further = (1..self.evidence.len())

@@ -66,13 +66,13 @@ pub struct TaskResult {
     pub all: Vec<Gain>,
     /// Worth of each evidence of the plan.
     pub evidence: Vec<EvidenceGains>,
-    /// Gain of the policies that are told over U, over all objects.
+    /// Gain of the oracle policies over U, over all objects.
     pub told: Option<Gain>,
     /// Best plan that a search finds for each object; empty without a search.
     pub best_plans: Vec<BestPlan>,
     /// Share of the mean returns above each threshold, by group.
     pub profiles: Vec<Profile>,
-    /// Deployments of own policies against U.
+    /// Deployments of matched policies against U.
     pub deployments: Vec<Pairs>,
 }
 
@@ -111,9 +111,9 @@ pub struct PolicyScores {
 pub struct ObjectGains {
     /// Name of the object.
     pub object: String,
-    /// Interquartile mean of the own policy's mean returns.
+    /// Interquartile mean of the matched policy's mean returns.
     pub own: Interval,
-    /// Own policy against others.
+    /// Matched policy against others.
     pub gains: Vec<Gain>,
 }
 
@@ -171,7 +171,7 @@ fn share(successes: &[bool]) -> f64 {
     successes.iter().filter(|s| **s).count() as f64 / successes.len() as f64
 }
 
-/// Groups that the own policy is held against.
+/// Groups that the matched policy is compared with.
 const OTHERS: [&str; 4] = ["U", "mu", "mismatched", "true"];
 
 /// Results of the work of a plan. `inferred` is by object and evidence, `scores` are in the order of the plan's chains, `plans` by task and
@@ -332,7 +332,7 @@ fn top(policies: &[PolicyScores]) -> f64 {
     policies.iter().flat_map(|p| p.mean_returns.iter().flatten()).fold(1.0, |a: f64, b| a.max(*b))
 }
 
-/// Deployments of each object's own policy against U, in pairs of the same conditions; then all of them.
+/// Deployments of each object's matched policy against U, in pairs of the same conditions; then all of them.
 fn pairs(plan: &Plan, deployments: &[Vec<Deployments>]) -> Vec<Pairs> {
     let knowledge = plan.deployed();
     let place = |wanted: Knowledge| knowledge.iter().position(|k| *k == wanted);

@@ -1,7 +1,7 @@
 //! Server of the Franka Control Interface: TCP for requests, UDP for states and commands.
 //!
 //! One client has the session: the first one that sends `Connect`. The server closes the connection of a second client as soon as it is
-//! made; how a robot refuses it is not published. A client of another version is told the version of the server, then its connection is
+//! made; how a robot refuses it is not published. A client of another version gets the version of the server, then its connection is
 //! closed.
 
 mod events;
@@ -44,7 +44,7 @@ pub struct ServerOptions {
     pub patience: Duration,
     /// Quality of the network.
     pub network: Network,
-    /// Shared library that clients of FCI 5 on x86-64 Linux load as the model of the arm. Without one, they are told that there is none.
+    /// Shared library that clients of FCI 5 on x86-64 Linux load as the model of the arm. Without one, the answer says that there is none.
     pub model_library: Option<Vec<u8>>,
 }
 

@@ -39,7 +39,7 @@ const LAST_READS: usize = 64;
 /// Longest sleep, so that the end of the server is noticed.
 const LONGEST_SLEEP: Duration = Duration::from_millis(10);
 
-/// Starts the thread. A panic ends it, closes its sockets, and is told by the handles.
+/// Starts the thread. A panic ends it, closes its sockets, and is reported by the handles.
 pub(super) fn start(
     session: Session,
     link: Link,

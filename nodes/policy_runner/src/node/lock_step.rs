@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(1);
 /// Period of looks at data that may take longer.
 const NAP: Duration = Duration::from_millis(20);
-/// Period at which the cell is told again until when everything is done: it may not have been found yet.
+/// Period at which the time until which everything is done is sent to the cell again: the cell may not be discovered yet.
 const AGAIN: Duration = Duration::from_millis(500);
 
 /// Data of an episode in lock step.

@@ -1,4 +1,4 @@
-//! Hidden truths with stated supports that contain them or not.
+//! Hidden truths with prior supports that contain them or not.
 
 use crate::bench::args::SupportArgs;
 use crate::inputs::model_file;
@@ -7,39 +7,39 @@ use catenary_core::{Model, Parameter, ParameterSpace, seed};
 use rand::RngExt;
 use std::path::Path;
 
-/// Distances of truths from the stated support, in its widths.
+/// Distances of truths from the prior support, in its widths.
 const BEYOND: [f64; 2] = [0.1, 0.6];
-/// Distance of the bars' parameters from the stated support.
+/// Distance of the bars' parameters from the prior support.
 const BARS_BEYOND: f64 = 0.3;
-/// Width of a stated support that excludes the truth, in widths of the model file's: the truth then stays within the model
+/// Width of a prior support that excludes the truth, in widths of the model file's: the truth then stays within the model
 /// file's support, for which the simulator's settings are made.
 const NARROW: f64 = 0.5;
 /// The bars of the paper.
 pub const BARS: [&str; 4] = ["dlo_0", "dlo_1", "dlo_2", "dlo_3"];
 
-/// Hidden truth with a stated support.
+/// Hidden truth with a prior support.
 pub struct Case {
     /// Group whose figures are averaged.
     pub group: &'static str,
-    /// Model with the stated support. The simulator gets it as well: it simulates any theta within the physical limits,
+    /// Model with the prior support. The simulator gets it as well: it simulates any theta within the physical limits,
     /// inside of the support or not.
     pub model: Model,
     /// Seed of motion, noise and inference.
     pub seed: u64,
     /// Hidden theta, D.
     pub truth: Vec<f64>,
-    /// Distance of each truth from the stated support in its widths, D.
+    /// Distance of each truth from the prior support in its widths, D.
     pub beyond: Vec<f64>,
 }
 
 impl Case {
-    /// Case of `model` whose truth has the unit coordinates `u` (D) and lies `beyond` (D) the stated support.
+    /// Case of `model` whose truth has the unit coordinates `u` (D) and lies `beyond` (D) the prior support.
     fn new(group: &'static str, model: &Model, u: &[f64], beyond: &[f64], seed: u64) -> Result<Self> {
         let stated = |((p, u), beyond): ((&Parameter, &f64), &f64)| {
             if *beyond == 0.0 {
                 return Some(p.clone());
             }
-            // On the side that keeps the stated support near the middle of the model file's.
+            // On the side that keeps the prior support near the middle of the model file's.
             let near = if *u < 0.5 { u + NARROW * beyond } else { u - NARROW * beyond };
             let far = if *u < 0.5 { near + NARROW } else { near - NARROW };
             let prior = p.prior.with_bounds(p.prior.from_unit(near.min(far)), p.prior.from_unit(near.max(far)))?;
@@ -53,7 +53,7 @@ impl Case {
     }
 }
 
-/// All cases: truths outside of the stated support in one parameter, truths inside, and the four bars outside in both
+/// All cases: truths outside of the prior support in one parameter, truths inside, and the four bars outside in both
 /// parameters.
 pub fn all(arguments: &SupportArgs) -> Result<Vec<Case>> {
     let model = model_file::read_or_soft_bar(arguments.model.as_deref())?;

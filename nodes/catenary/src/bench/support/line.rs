@@ -13,13 +13,13 @@ pub struct Line {
     pub rule: String,
     /// Hidden theta, D.
     pub truth: Vec<f64>,
-    /// Distance of each truth from the stated support, in its widths (D); 0 inside.
+    /// Distance of each truth from the prior support, in its widths (D); 0 inside.
     pub beyond: Vec<f64>,
     /// True for each parameter whose 90 % interval contains the truth.
     pub inside_90: Vec<bool>,
-    /// Error of each mean in widths of the stated support.
+    /// Error of each mean in widths of the prior support.
     pub error: Vec<f64>,
-    /// Width of each 90 % interval in widths of the stated support.
+    /// Width of each 90 % interval in widths of the prior support.
     pub width: Vec<f64>,
     /// Error of each mean in the parameter's unit.
     pub absolute: Vec<f64>,

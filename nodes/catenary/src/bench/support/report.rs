@@ -17,9 +17,9 @@ pub struct Row {
     coverage_95: [f64; 2],
     /// Share of the parameters whose support at the end contains the truth.
     held: f64,
-    /// Median error of a mean, in widths of the stated support.
+    /// Median error of a mean, in widths of the prior support.
     error: f64,
-    /// Median width of a 90 % interval, in widths of the stated support.
+    /// Median width of a 90 % interval, in widths of the prior support.
     width: f64,
     /// Mean error of each parameter's mean in its own unit, and of its decimal logarithm.
     absolute: Vec<f64>,
@@ -134,7 +134,7 @@ pub fn words(report: &Report) -> String {
     };
     let notes = [
         "held: parameters whose support at the end contains the truth. error, width: medians of the mean's error and of the \
-         90 % interval, in widths of the stated support."
+         90 % interval, in widths of the prior support."
             .to_owned(),
         format!("{:.1} s each", report.wall_s_each),
     ];
