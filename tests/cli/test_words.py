@@ -27,7 +27,7 @@ class Word(NamedTuple):
 
 # A word with a capital letter is found with this letter alone: it is wrong as the first word of a sentence.
 WORDS = [
-    Word("stated support", "prior support", READMES),
+    Word("stated support", "prior support"),
     Word("the own", "matched (a policy), or the thing's name alone"),
     Word("an own", "separate, or hand-written"),
     Word("of our own", "written here"),

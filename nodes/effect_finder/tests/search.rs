@@ -458,6 +458,10 @@ fn vetoes_and_prior_odds_of_a_model_shape_the_candidates() {
     let companions = &of("strand_friction_rad").unwrap().companions;
     assert_eq!(companions.iter().map(|c| &c.name).collect::<Vec<_>>(), ["strand_slip_turn_rad", "strand_slip_spread"]);
     assert!(of("strand_slip_turn_rad").is_none(), "no effect by itself");
+    assert!(of("rest_bend_rad").is_none(), "offered only where the model expects it");
+    model.lacking.prior_odds.insert("rest_bend_rad".to_owned(), 1.0);
+    let expected = candidates(Registry::shipped(), &model).unwrap();
+    assert!(expected.iter().any(|c| c.name == "rest_bend_rad" && c.companions.len() == 1));
     model.parameters.insert("strand_slip_spread".into(), 1.0);
     let fixed = candidates(Registry::shipped(), &model).unwrap();
     assert_eq!(fixed.iter().find(|c| c.name == "strand_friction_rad").unwrap().companions.len(), 1);

@@ -5,7 +5,7 @@ use super::predictive::{Predictive, PredictiveCheck, Unchecked};
 use crate::prior_support::PriorSupport;
 use crate::sequential::{DRAWS, Side, pressed};
 use catenary_core::mixture::MixtureError;
-use catenary_core::{Posterior, Prior, seed};
+use catenary_core::{Parameter, Posterior, Prior, seed};
 
 /// Share of the prior's range at either end that counts as its edge.
 const EDGE: f64 = 0.05;
@@ -59,6 +59,11 @@ pub fn edge_warnings(
         for (side, bound) in [(Side::Lower, low), (Side::Upper, high)] {
             let is_near = |u: f64| if side == Side::Lower { u < EDGE } else { u > 1.0 - EDGE };
             let near = inside.iter().filter(|t| is_near(p.prior.to_unit(t[i]))).count() as f64 / DRAWS as f64;
+            // The end of a Gaussian is no bound: it reaches far beyond its last 5 %.
+            if near > PRESSED && matches!(p.prior, Prior::Normal { .. }) {
+                warnings.push(disagreement(p, side, near));
+                continue;
+            }
             let beyond = pressed.filter(|(of, _)| *of == side).map(|(_, share)| 100.0 * share);
             let place = match beyond {
                 _ if near > PRESSED => {
@@ -85,6 +90,19 @@ pub fn edge_warnings(
         }
     }
     Ok(warnings)
+}
+
+/// Warning about a share `near` of the posterior in the end of a Gaussian prior.
+fn disagreement(p: &Parameter, side: Side, near: f64) -> String {
+    format!(
+        "{}: {:.0} % of the posterior lies in the {} {:.0} % of its prior, {}: what is known before disagrees with the recording, or the model \
+         lacks something",
+        p.name,
+        100.0 * near,
+        side.name(),
+        100.0 * EDGE,
+        p.prior
+    )
 }
 
 /// Consequence of a posterior that presses on a bound. `is_limit`: the simulator accepts nothing beyond the bound; `is_free`:
@@ -186,7 +204,7 @@ pub fn misfit(check: &Result<PredictiveCheck, Unchecked>) -> Option<String> {
 mod tests {
     use super::*;
     use crate::diagnostics::Bands;
-    use catenary_core::{Mixture, Parameter, ParameterSpace, Prior};
+    use catenary_core::{Mixture, ParameterSpace};
     use nalgebra::{DMatrix, DVector};
 
     #[test]
@@ -207,6 +225,16 @@ mod tests {
         assert!(
             narrow.contains("next to its upper bound 2: ") && narrow.contains("prior_support adaptive"),
             "{narrow}"
+        );
+        let known = Prior::Normal { mean: 1.5, sd: 0.05, low: 1.0, high: 2.0 };
+        let space = ParameterSpace::new(vec![Parameter { name: "length_m".into(), prior: known.clone() }]).unwrap();
+        let (mean, covariance) = (DVector::from_element(1, known.to_unit(1.6)), DMatrix::from_element(1, 1, 1e-4));
+        let mixture = Mixture::new(&[1.0], vec![mean], vec![covariance]).unwrap();
+        let posterior = Posterior { parameters: space, mixture };
+        let apart = edge_warnings(Edges::Beyond(&posterior), fixed, &|_| wide).unwrap().remove(0);
+        assert!(
+            apart.contains("in the upper 5 % of its prior, ") && apart.contains("disagrees with the recording"),
+            "{apart}"
         );
         // A wide mixture about a mean outside: few draws inside of the support lie near its edge.
         let outside = of(1.1, 0.6, fixed, wide).remove(0);

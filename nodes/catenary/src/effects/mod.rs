@@ -111,6 +111,10 @@ fn sized(
     let (companions, values): (Vec<_>, Vec<_>) = values.iter().partition(|(name, _)| registry.is_companion(name));
     let mut model = model.clone();
     model.parameters.extend(companions.into_iter().cloned());
+    // Each effect has a size here, those too that searches offer only to a model that expects them.
+    for effect in registry.effects().filter(|e| !e.is_offered_unasked()) {
+        model.lacking.prior_odds.entry(effect.about().name.to_owned()).or_insert(1.0);
+    }
     let model = &model;
     let settings = Settings::default();
     let episodes = [MeasuredEpisode::planned(model, &actions_file::read(&name, &text).given()?, &settings.of_fits())];

@@ -32,9 +32,11 @@ pub fn candidates(registry: &Registry, model: &Model) -> Result<Vec<Candidate>, 
         }
     }
     let is_open = |name: &str| Candidate::is_open(name, model) && vetoes.iter().all(|v| v != name);
+    let is_expected = |e: &&dyn Effect| e.is_offered_unasked() || prior_odds.contains_key(e.about().name);
     // A companion is no effect by itself.
-    let is_offered =
-        |e: &&dyn Effect| e.concerns(model) && is_open(e.about().name) && !registry.is_companion(e.about().name);
+    let is_offered = |e: &&dyn Effect| {
+        e.concerns(model) && is_open(e.about().name) && !registry.is_companion(e.about().name) && is_expected(e)
+    };
     let candidate = |effect: &dyn Effect| {
         let about = effect.about();
         let base = model.parameters.get(about.name).copied().unwrap_or(0.0);

@@ -86,6 +86,12 @@ pub trait Effect: Send + Sync {
         true
     }
 
+    /// Returns whether searches offer the effect although the model file does not name it among its prior odds. An effect that imitates
+    /// many others does not, so that it is named where it is expected alone.
+    fn is_offered_unasked(&self) -> bool {
+        true
+    }
+
     /// Returns the names of the effects that set where and how fast this one acts.
     fn companions(&self) -> &'static [&'static str] {
         &[]

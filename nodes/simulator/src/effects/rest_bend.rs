@@ -33,6 +33,12 @@ impl Effect for RestBend {
         Ok(())
     }
 
+    fn is_offered_unasked(&self) -> bool {
+        // In blind worlds with something that no effect of the library is, a bend at a free place was named for a sleeve, two soft joints
+        // and a wave of the rest curvature: four of thirteen false names.
+        false
+    }
+
     fn companions(&self) -> &'static [&'static str] {
         &[PLACE]
     }
