@@ -45,7 +45,13 @@ pub struct RepairEvidence {
     pub closed: Vec<ClosedGap>,
     /// Comparison with the present model on validation episodes; none without such episodes, or before it is made.
     pub validation: Option<ValidationEvidence>,
+    /// Probability of the part of the simulator in which something acts that no effect of the library is, beside the effects; none if
+    /// no template explains the residual, or before it is looked at.
+    pub foreign: Option<f64>,
 }
+
+/// Probability of a part from which on its template counts as known to be missing.
+const KNOWN_TO_BE_MISSING: f64 = 0.95;
 
 /// Evidence of the validation episodes on the best repair.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,6 +127,8 @@ pub enum Objection {
     LessLikely(f64),
     /// Episodes that no fit has seen show a gap, of which the repair may close nothing.
     ClosesNothing(ClosedGap),
+    /// A residual is left, and something that no effect of the library is explains it, with this probability of its part.
+    Foreign(f64),
 }
 
 /// Returns whether one of `count` validation and held-out episodes contradicts the present model, by its p-value.
@@ -177,7 +185,10 @@ impl RepairEvidence {
         let refuted = self.validation.as_ref().and_then(|validation| validation.objection(is_left, settings));
         // An effect that fits and predicts nothing only imitates what is missing.
         let closes_nothing = || self.closed.iter().copied().find(ClosedGap::may_be_nothing);
-        refuted.or_else(|| closes_nothing().map(Objection::ClosesNothing))
+        // Beside something foreign whose form is known, effects that fit are mostly its stand-ins: five of five in blind worlds.
+        let is_foreign = |p: &f64| is_left && *p >= KNOWN_TO_BE_MISSING;
+        let foreign = || self.foreign.filter(is_foreign).map(Objection::Foreign);
+        refuted.or_else(|| closes_nothing().map(Objection::ClosesNothing)).or_else(foreign)
     }
 }
 
@@ -224,6 +235,7 @@ mod tests {
             first_p_value: None,
             closed: Vec::new(),
             validation: None,
+            foreign: None,
         }
     }
 
@@ -298,6 +310,17 @@ mod tests {
                 Some(RepairEvidence { rival_gain: Some(3.0), ..repair() }),
                 Verdict::NoneOfThese,
             ),
+            (
+                "something foreign acts beside the effects",
+                Some(RepairEvidence { foreign: Some(0.96), ..partial() }),
+                Verdict::NoneOfThese,
+            ),
+            (
+                "something foreign may act",
+                Some(RepairEvidence { foreign: Some(0.94), ..partial() }),
+                Verdict::NamedInPart,
+            ),
+            ("nothing is left to be foreign", Some(RepairEvidence { foreign: Some(0.99), ..repair() }), Verdict::Named),
             ("validation episodes support the repair", Some(with(repair(), validation())), Verdict::Named),
             ("validation episodes leave a residual", Some(with(repair(), rejected.clone())), Verdict::NamedInPart),
             (

@@ -228,6 +228,10 @@ pub fn objected(objection: Objection, repair: &Hypothesis, rmse_mm: f64) -> Stri
                 100.0 * share
             )
         }
+        Objection::Foreign(probability) => format!(
+            "something that no effect of the library is acts beside them (probability {probability:.2}), and effects that fit may only \
+             imitate it"
+        ),
     };
     format!("none of these: {reason}")
 }

@@ -8,8 +8,8 @@ use super::question::Question;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Detection, Effort, Hypothesis};
 use crate::report::{
-    Finding, Fitness, FurtherTest, Outcome, PressingValue, Verdict, VerdictEvidence, index_among_all, is_too_quiet,
-    join, limits, localise, sentences, trade_offs,
+    Finding, Fitness, FurtherTest, Objection, Outcome, PressingValue, Verdict, VerdictEvidence, index_among_all,
+    is_too_quiet, join, limits, localise, sentences, trade_offs,
 };
 use crate::settings::Settings;
 use catenary_core::DifferentiableSimulator;
@@ -175,7 +175,7 @@ impl Search<'_> {
         let test = &outcome.finding.present.test;
         let is_blind = self.noise.is_unknown || is_too_quiet(test);
         let hidden_gap_mm = is_blind.then(|| self.hidden_gap_mm(test)).flatten();
-        let evidence = VerdictEvidence { p_value, further, is_blind, closes_beyond_prior, repair };
+        let mut evidence = VerdictEvidence { p_value, further, is_blind, closes_beyond_prior, repair };
         outcome.finding.conclude(&evidence, self.settings);
         if outcome.finding.verdict == Verdict::CannotSee {
             outcome.finding.hidden_gap_mm = hidden_gap_mm;
@@ -187,6 +187,17 @@ impl Search<'_> {
         }
         if matches!(outcome.finding.verdict, Verdict::NoneOfThese | Verdict::NamedInPart) {
             outcome.finding.missing = self.missing(named.as_ref().unwrap_or(&base), &baseline)?;
+        }
+        if outcome.finding.verdict == Verdict::NamedInPart
+            && let (Some(repair), Some(named)) = (&mut evidence.repair, &named)
+        {
+            repair.foreign = outcome.finding.missing.as_ref().and_then(|missing| self.foreign(missing));
+            if let Some(objection @ Objection::Foreign(_)) = repair.objection(self.settings) {
+                let rmse_mm = outcome.finding.repaired.as_ref().map_or(0.0, |fitness| fitness.rmse_mm);
+                outcome.model = None;
+                outcome.finding.conclude(&evidence, self.settings);
+                self.reporter.conclude(Stage::Verify, sentences::objected(objection, named, rmse_mm))?;
+            }
         }
         outcome.finding.conclusions = self.reporter.into_conclusions();
         Ok(outcome)

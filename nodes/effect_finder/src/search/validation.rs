@@ -32,6 +32,7 @@ impl<'a> Search<'a> {
             alternatives,
             first_p_value: checked.and_then(|c| c.verification.p_value),
             closed: Vec::new(),
+            foreign: None,
             validation: None,
         }
     }
@@ -221,6 +222,7 @@ mod tests {
                     first_p_value: None,
                     closed: Vec::new(),
                     validation,
+                    foreign: None,
                 };
                 match fitted.objection(&settings) {
                     Some(Objection::LessLikely(loss)) => loss,
