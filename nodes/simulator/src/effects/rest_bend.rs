@@ -34,8 +34,8 @@ impl Effect for RestBend {
     }
 
     fn is_offered_unasked(&self) -> bool {
-        // In blind worlds with something that no effect of the library is, a bend at a free place was named for a sleeve, two soft joints
-        // and a wave of the rest curvature: four of thirteen false names.
+        // In blind worlds with something that no effect of the library is, a bend at a free place was named for a sleeve, a soft joint and a
+        // wave of the rest curvature: three of thirteen false names.
         false
     }
 
