@@ -92,10 +92,11 @@ def without_real_time():
 class Server:
     """Server of the Franka Control Interface with its events. Arguments: those of the example `serve`."""
 
-    def __init__(self, *arguments, pace="lock_step"):
+    def __init__(self, *arguments, pace="lock_step", is_patient=True):
         self.address = next_address()
         # A client on a busy machine may stand still for longer than the server's usual patience, after which cycles go on without it.
-        command = [SERVER, f"{self.address}:1337", f"pace={pace}", "patience=20", *arguments]
+        patience = ["patience=20"] if is_patient else []
+        command = [SERVER, f"{self.address}:1337", f"pace={pace}", *patience, *arguments]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, bufsize=1)
         self.events, self._answers = [], queue.Queue()
