@@ -62,12 +62,21 @@ def start(session, hosts, discovery):
     """Starts a camera on its host; returns its four ports, those of multicast first."""
     session.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
     session.start_script(*hosts.on(NODE, PROGRAM, "node", "camera"), name="camera")
-    bound = lambda: session.pid_of("camera") and rtps.ports(session.pid_of("camera"), session.domain)
-    session.wait_for(lambda: len(bound() or []) == 4, 20, "the camera's sockets")
+    bound = lambda pid: rtps.ports(pid, session.domain)
+    session.wait_for(lambda: len(of_process(session, bound)) == 4, 20, "the camera's sockets")
     # Begun after the node has joined, so that its sockets are restricted if they are to be.
-    threads = lambda: [path.read_text().strip() for path in pathlib.Path(f"/proc/{session.pid_of('camera')}/task").glob("*/comm")]
-    session.wait_for(lambda: "diagnostics" in threads(), 20, "its threads")
-    return bound()
+    threads = lambda pid: [path.read_text().strip() for path in pathlib.Path(f"/proc/{pid}/task").glob("*/comm")]
+    session.wait_for(lambda: "diagnostics" in of_process(session, threads), 20, "its threads")
+    return session.wait_for(lambda: len(found := of_process(session, bound)) == 4 and found, 20, "the camera's sockets once more")
+
+
+def of_process(session, read):
+    """What `read` finds of the camera's process; an empty list before it runs, or where a file of it closes on the way."""
+    pid = session.pid_of("camera")
+    try:
+        return read(pid) if pid else []
+    except (FileNotFoundError, ProcessLookupError):
+        return []
 
 
 def first_heard(session, hosts, senders):
