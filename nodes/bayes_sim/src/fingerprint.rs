@@ -10,22 +10,7 @@ const METHOD: u32 = 2;
 /// Fingerprint of everything that the outcome of an inference depends on except the simulator: program, model, measured
 /// episodes, policy and settings.
 pub fn fingerprint(model: &Model, measured: &[MeasuredTrack], policy: Option<&Policy>, settings: &Settings) -> u64 {
-    // A model leaves out some fields at their defaults, and the encoding has no field names. These fields come first.
-    let limit = model.arm.law.reference_limit_m_s();
-    let defaults =
-        (&model.nominal, &model.lacking, model.task.map(|task| task.goal), limit, model.observation.defaults());
-    // An expression leaves out fields, too. Its debug text has their names.
-    let expressions = format!("{:?}", model.expressions);
-    identity::fingerprint(&(
-        env!("CARGO_PKG_VERSION"),
-        METHOD,
-        defaults,
-        expressions,
-        model,
-        measured,
-        policy,
-        settings,
-    ))
+    identity::fingerprint(&(env!("CARGO_PKG_VERSION"), METHOD, model.left_out(), model, measured, policy, settings))
 }
 
 #[cfg(test)]

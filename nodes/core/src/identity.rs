@@ -11,9 +11,7 @@ use sha2::{Digest, Sha256};
 /// therefore changes the fingerprints of a type; a saved fingerprint is then no longer found, which is safe.
 ///
 /// Pass a tuple to identify several values together. The encoding does not show which field was left out by
-/// `skip_serializing_if`: pass such fields beside the value. [`crate::Model`] has these: `nominal`, `lacking`, the goal of
-/// its task, the speed limit of its arm's law ([`crate::model::ArmLaw::reference_limit_m_s`]), those of its observation
-/// ([`crate::model::ObservationModel::defaults`]), and its expressions, whose own fields need their debug text.
+/// `skip_serializing_if`: pass such fields beside the value, those of a model by [`crate::Model::left_out`].
 ///
 /// # Panics
 /// If `Serialize` fails for the value, as for an iterator of unknown length. The types of this crate never do.

@@ -237,6 +237,17 @@ impl WrenchNoise {
     }
 }
 
+impl Model {
+    /// Fields that a model file leaves out at their defaults, in full, for fingerprints: an encoding without names does not show
+    /// which field was left out. An expression leaves out fields, too, and its debug text has their names.
+    #[must_use]
+    pub fn left_out(&self) -> impl Serialize + '_ {
+        let (goal, limit) = (self.task.map(|task| task.goal), self.arm.law.reference_limit_m_s());
+        let expressions = format!("{:?}", self.expressions);
+        (&self.nominal, &self.lacking, goal, limit, self.observation.defaults(), expressions)
+    }
+}
+
 impl ObservationModel {
     /// Fields that a model file leaves out at their defaults, for fingerprints.
     #[must_use]

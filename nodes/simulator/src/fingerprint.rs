@@ -18,21 +18,7 @@ pub fn fingerprint(model: &Model) -> u64 {
 
 /// Hashes a model and the outcome of its probe episode.
 fn hash(model: &Model, outcome: &Result<Vec<f64>, String>) -> u64 {
-    // A model leaves out some fields at their defaults, and postcard has no field names. These fields come first, in
-    // full, so that no two models have one encoding.
-    let Model { nominal, lacking, task, arm, expressions, .. } = model;
-    // An expression leaves out fields, too. Its debug text has their names.
-    let (goal, limit) = (task.map(|task| task.goal), arm.law.reference_limit_m_s());
-    identity::fingerprint(&(
-        nominal,
-        lacking,
-        goal,
-        limit,
-        model.observation.defaults(),
-        format!("{expressions:?}"),
-        model,
-        outcome,
-    ))
+    identity::fingerprint(&(model.left_out(), model, outcome))
 }
 
 /// Simulates the probe episode: the hand goes sideways and turns a little.

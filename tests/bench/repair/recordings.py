@@ -116,13 +116,18 @@ def model_of(arguments, state, known):
     return model
 
 
+def sd_of(q05, q95):
+    """Standard deviation of a normal distribution with these 5 and 95 % quantiles."""
+    return (q95 - q05) / (2 * NINETY)
+
+
 def informed(name, prior, known):
     """Normal prior of a known marginal within the bounds of `prior`; `prior` itself for a name that is not known."""
     if name not in known:
         return prior
     ((_, bounds),) = prior.items()
     median, q05, q95 = known[name]
-    sd = math.hypot((q95 - q05) / (2 * NINETY), BIAS_DRIFT.get(name, 0.0))
+    sd = math.hypot(sd_of(q05, q95), BIAS_DRIFT.get(name, 0.0))
     low, high = max(bounds["low"], median - 6 * sd), min(bounds["high"], median + 6 * sd)
     return {"normal": {"mean": median, "sd": sd, "low": low, "high": high}}
 
@@ -233,7 +238,7 @@ def share_of_prior(prior, low, high):
     """Width of an interval as a share of the prior's 90 %."""
     ((kind, bounds),) = prior.items()
     if kind == "normal":
-        return (high - low) / (2 * NINETY * bounds["sd"])
+        return sd_of(low, high) / bounds["sd"]
     scale = math.log if kind == "log_uniform" else float
     return (scale(high) - scale(low)) / (0.9 * (scale(bounds["high"]) - scale(bounds["low"])))
 
@@ -284,7 +289,7 @@ def prediction_text(p):
 
 def deviations(median, low, high, value, sd=0.0):
     """Distance of a posterior from a value with a standard deviation of its own, in standard deviations of both."""
-    return (median - value) / math.hypot((high - low) / (2 * NINETY), sd)
+    return (median - value) / math.hypot(sd_of(low, high), sd)
 
 
 def agreement(row, verdict):
@@ -293,7 +298,7 @@ def agreement(row, verdict):
     common = {}
     for e in estimates:
         if e["name"] in row["marginals"]:
-            sd = (e["q95"] - e["q05"]) / (2 * NINETY)
+            sd = sd_of(e["q05"], e["q95"])
             own = row["marginals"][e["name"]]
             common[e["name"]] = {"posterior": own, "finder": [e["value"], sd], "deviations": deviations(*own, e["value"], sd)}
     return common

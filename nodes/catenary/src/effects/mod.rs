@@ -33,7 +33,7 @@ struct Row {
     range: [f64; 2],
     /// Names of the effects that set where, how fast or from which size on it acts.
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    companions: &'static [&'static str],
+    companions: Vec<&'static str>,
     /// Smallest size that shows at the 5 % level in four of five such episodes. `None` if no episode was given, if the
     /// model has the effect already, or if no size shows.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -43,7 +43,7 @@ struct Row {
 impl From<&dyn Effect> for Row {
     fn from(effect: &dyn Effect) -> Self {
         let about = effect.about();
-        let (sign, companions) = (about.sign(), effect.companions());
+        let (sign, companions) = (about.sign(), effect.companions().to_vec());
         let About { name, title, description, unit, hook, prior, range } = about;
         Self { name, title, description, unit, hook: hook.name(), sign, prior, range, companions, detectable: None }
     }

@@ -45,8 +45,7 @@ impl SectionMoments {
         }
         self.fractions.clear();
         self.fractions.extend((0..strain.len()).map(|k| 0.5 * (mesh.fraction(k) + mesh.fraction(k + 1))));
-        self.curvatures.clear();
-        self.curvatures.extend(strain.iter().map(|s| s[2]));
+        self.end_step(strain);
     }
 
     /// Sets whether the beam moves, or a shape at rest is searched. At rest there are neither rates nor time.

@@ -93,7 +93,7 @@ pub trait Effect: Send + Sync {
     }
 
     /// Returns the names of the effects that set where and how fast this one acts.
-    fn companions(&self) -> &'static [&'static str] {
+    fn companions(&self) -> &[&'static str] {
         &[]
     }
 

@@ -125,7 +125,7 @@ impl Registry {
     /// Returns this list with the effects that a model file states as expressions.
     ///
     /// # Errors
-    /// Those of [`ExpressionError`].
+    /// [`ExpressionError`] of the first expression that makes no effect.
     pub fn with_expressions(&self, model: &Model) -> Result<Registry, ExpressionError> {
         // A list that has them already stays.
         if self.expressions == model.expressions {

@@ -14,6 +14,9 @@ type Function = fn(f64) -> f64;
 /// Function of two arguments.
 type FunctionOfTwo = fn(f64, f64) -> f64;
 
+/// Operator between two operands.
+type Operator = fn(Box<Part>, Box<Part>) -> Part;
+
 /// Functions of one argument by name.
 const FUNCTIONS: [(&str, Function); 16] = [
     ("sin", f64::sin),
@@ -53,11 +56,11 @@ enum Part {
 }
 
 impl Part {
-    fn value(&self, variables: &[f64]) -> f64 {
-        let of = |part: &Part| part.value(variables);
+    fn value(&self, state: &[f64], numbers: &[f64]) -> f64 {
+        let of = |part: &Part| part.value(state, numbers);
         match self {
             Part::Number(value) => *value,
-            Part::Variable(place) => variables[*place],
+            Part::Variable(place) => state.get(*place).copied().unwrap_or_else(|| numbers[*place - state.len()]),
             Part::Negative(a) => -of(a),
             Part::Sum(a, b) => of(a) + of(b),
             Part::Difference(a, b) => of(a) - of(b),
@@ -91,13 +94,14 @@ impl Formula {
         }
     }
 
-    /// Returns the value at the variables, which are in the order of the names with which the text was read.
+    /// Returns the value at a state and at numbers that follow it, in the order of the names with which the text was read.
     ///
     /// # Panics
-    /// Panics if there are fewer variables than names.
-    pub fn value(&self, variables: &[f64]) -> f64 {
-        assert!(variables.len() >= self.variables, "{} variables for {} names", variables.len(), self.variables);
-        self.root.value(variables)
+    /// Panics if there are fewer values than names.
+    pub fn value(&self, state: &[f64], numbers: &[f64]) -> f64 {
+        let values = state.len() + numbers.len();
+        assert!(values >= self.variables, "{values} values for {} names", self.variables);
+        self.root.value(state, numbers)
     }
 }
 
@@ -134,56 +138,53 @@ impl Reader<'_> {
         format!("at character {}: expected {what}, got {got}", 1 + self.text[..self.at].chars().count())
     }
 
-    fn sum(&mut self) -> Result<Part, String> {
-        self.depth += 1;
-        if self.depth > MOST_DEPTH {
+    /// Reads a part within others, unless these are too many.
+    fn within(&mut self, read: impl FnOnce(&mut Self) -> Result<Part, String>) -> Result<Part, String> {
+        if self.depth == MOST_DEPTH {
             return Err(format!("expected at most {MOST_DEPTH} parentheses, signs and powers within one another"));
         }
-        let mut sum = self.product()?;
-        loop {
-            if self.takes("+") {
-                sum = Part::Sum(Box::new(sum), Box::new(self.product()?));
-            } else if self.takes("-") {
-                sum = Part::Difference(Box::new(sum), Box::new(self.product()?));
-            } else {
-                self.depth -= 1;
-                return Ok(sum);
-            }
-        }
+        self.depth += 1;
+        let part = read(self)?;
+        self.depth -= 1;
+        Ok(part)
+    }
+
+    fn sum(&mut self) -> Result<Part, String> {
+        self.within(|reader| reader.chain(Self::product, [("+", Part::Sum), ("-", Part::Difference)]))
     }
 
     fn product(&mut self) -> Result<Part, String> {
-        let mut product = self.signed()?;
-        loop {
-            if self.takes("*") {
-                product = Part::Product(Box::new(product), Box::new(self.signed()?));
-            } else if self.takes("/") {
-                product = Part::Quotient(Box::new(product), Box::new(self.signed()?));
-            } else {
-                return Ok(product);
-            }
+        self.chain(Self::signed, [("*", Part::Product), ("/", Part::Quotient)])
+    }
+
+    /// Reads operands between operators that bind from left to right.
+    fn chain(
+        &mut self,
+        operand: fn(&mut Self) -> Result<Part, String>,
+        operators: [(&str, Operator); 2],
+    ) -> Result<Part, String> {
+        let mut chain = operand(self)?;
+        while let Some((_, operator)) = operators.iter().find(|(sign, _)| self.takes(sign)) {
+            chain = operator(Box::new(chain), Box::new(operand(self)?));
         }
+        Ok(chain)
     }
 
     fn signed(&mut self) -> Result<Part, String> {
-        self.depth += 1;
-        if self.depth > MOST_DEPTH {
-            return Err(format!("expected at most {MOST_DEPTH} parentheses, signs and powers within one another"));
-        }
-        let part = if self.takes("-") {
-            Part::Negative(Box::new(self.signed()?))
-        } else if self.takes("+") {
-            self.signed()?
-        } else {
-            let base = self.operand()?;
-            // Both spellings of a power are common: that of mathematics, and Python's.
-            match self.takes("^") || self.takes("**") {
-                true => Part::Power(Box::new(base), Box::new(self.signed()?)),
-                false => base,
+        self.within(|reader| {
+            if reader.takes("-") {
+                return Ok(Part::Negative(Box::new(reader.signed()?)));
             }
-        };
-        self.depth -= 1;
-        Ok(part)
+            if reader.takes("+") {
+                return reader.signed();
+            }
+            let base = reader.operand()?;
+            // Both spellings of a power are common: that of mathematics, and Python's.
+            match reader.takes("^") || reader.takes("**") {
+                true => Ok(Part::Power(Box::new(base), Box::new(reader.signed()?))),
+                false => Ok(base),
+            }
+        })
     }
 
     fn operand(&mut self) -> Result<Part, String> {
@@ -275,7 +276,7 @@ mod tests {
     const NAMES: [&str; 3] = ["x", "vx", "speed"];
 
     fn value(text: &str) -> f64 {
-        Formula::read(text, &NAMES).unwrap().value(&[3.0, 0.5, 0.5])
+        Formula::read(text, &NAMES).unwrap().value(&[3.0], &[0.5, 0.5])
     }
 
     fn error(text: &str) -> String {

@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
-/// Variables of forces and couples, in the order of [`force_variables`].
+/// Variables of forces and couples, in the order of [`Force::state`].
 const FORCE_VARIABLES: [&str; 8] = ["s", "t", "x", "z", "vx", "vz", "speed", "angle"];
 /// Variables of moments.
 const MOMENT_VARIABLES: [&str; 4] = ["s", "t", "curvature", "curvature_rate"];
@@ -153,7 +153,7 @@ impl Effect for Number {
 struct Stated {
     about: About,
     /// Names of the companions, with the values where nothing gives others.
-    companions: &'static [&'static str],
+    companions: Vec<&'static str>,
     medians: Vec<f64>,
     /// Forces along x and z, and the couple, per length.
     forces: [Option<Arc<Formula>>; 3],
@@ -183,7 +183,7 @@ impl Stated {
         let hook = if moment.is_some() { Hook::Material } else { Hook::Force };
         Ok(Self {
             about: about(stated, hook),
-            companions: kept_list(&companions),
+            companions: companions.iter().map(|name| kept(name)).collect(),
             medians: stated.companions.iter().map(|c| c.prior.from_unit(0.5)).collect(),
             forces,
             moment,
@@ -204,19 +204,6 @@ fn about(stated: &Expression, hook: Hook) -> About {
         prior: stated.prior.clone(),
         range: [if low < 0.0 { -most } else { 0.0 }, most],
     }
-}
-
-/// Returns the names for as long as the program runs; equal lists are kept once.
-fn kept_list(names: &[&str]) -> &'static [&'static str] {
-    static KEPT: Mutex<BTreeSet<&'static [&'static str]>> = Mutex::new(BTreeSet::new());
-    let names: Vec<&'static str> = names.iter().map(|name| kept(name)).collect();
-    let mut all = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(known) = all.get(names.as_slice()) {
-        return known;
-    }
-    let leaked: &'static [&'static str] = Box::leak(names.into_boxed_slice());
-    all.insert(leaked);
-    leaked
 }
 
 impl Effect for Stated {
@@ -249,8 +236,8 @@ impl Effect for Stated {
         Ok(())
     }
 
-    fn companions(&self) -> &'static [&'static str] {
-        self.companions
+    fn companions(&self) -> &[&'static str] {
+        &self.companions
     }
 }
 
@@ -262,12 +249,15 @@ struct Force {
 }
 
 impl Force {
+    /// Returns the values of [`FORCE_VARIABLES`].
+    fn state(at: &PointState) -> [f64; 8] {
+        let ([x, z], [vx, vz]) = (at.position_m, at.velocity_m_s);
+        [at.fraction, at.time_s, x, z, vx, vz, vx.hypot(vz), at.angle_rad]
+    }
+
     fn component(&self, i: usize, at: &PointState) -> f64 {
         let Some(formula) = &self.formulas[i] else { return 0.0 };
-        let ([x, z], [vx, vz]) = (at.position_m, at.velocity_m_s);
-        let state = [at.fraction, at.time_s, x, z, vx, vz, vx.hypot(vz), at.angle_rad];
-        let variables: Vec<f64> = state.iter().chain(&self.numbers).copied().collect();
-        self.magnitude * at.length_m * formula.value(&variables)
+        self.magnitude * at.length_m * formula.value(&Self::state(at), &self.numbers)
     }
 }
 
@@ -323,7 +313,6 @@ struct Moment {
 impl MomentTerm for Moment {
     fn moment_n_m(&self, at: &BendState) -> f64 {
         let state = [at.fraction, at.time_s, at.curvature_per_m, at.curvature_rate_per_m_s];
-        let variables: Vec<f64> = state.iter().chain(&self.numbers).copied().collect();
-        self.magnitude * self.formula.value(&variables)
+        self.magnitude * self.formula.value(&state, &self.numbers)
     }
 }
