@@ -2,6 +2,7 @@
 
 use super::shipped::Kind;
 use crate::exit::Given;
+use crate::report::quantity::learn_stated;
 use anyhow::{Context, Result};
 use catenary_core::Model;
 use catenary_simulator::model_text;
@@ -20,6 +21,7 @@ pub fn read_with_text(path: &Path) -> Result<(Model, String)> {
     let read = || {
         let text = Kind::Model.text(path)?;
         let model = model_text::read(&text).with_context(|| format!("model {}", path.display()))?;
+        learn_stated(&model);
         Ok::<_, anyhow::Error>((model, text))
     };
     read().given()

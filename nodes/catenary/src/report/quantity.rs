@@ -1,9 +1,14 @@
 //! Titles and units of parameters and effects, from the simulator's catalogue and its registry of effects.
 
 use super::number;
-use catenary_core::Prior;
+use catenary_core::{Model, Prior};
 use catenary_simulator::Registry;
 use catenary_simulator::parameters::CATALOGUE;
+use std::collections::BTreeMap;
+use std::sync::{PoisonError, RwLock};
+
+/// Titles and units of effects that model files state, by name.
+static STATED: RwLock<BTreeMap<String, Quantity>> = RwLock::new(BTreeMap::new());
 
 /// Title and unit of a parameter or an effect.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -38,9 +43,24 @@ pub fn titled(text: &str) -> String {
     }
 }
 
+/// Learns titles and units of the effects that `model` states as expressions, for everything that this process prints.
+pub fn learn_stated(model: &Model) {
+    let mut stated = STATED.write().unwrap_or_else(PoisonError::into_inner);
+    for effect in &model.expressions {
+        let own = (&effect.name, effect.title.as_ref().unwrap_or(&effect.name), &effect.unit);
+        let companions = effect.companions.iter().map(|c| (&c.name, &c.name, &c.unit));
+        for (name, title, unit) in std::iter::once(own).chain(companions) {
+            stated.insert(name.clone(), Quantity { title: title.clone(), unit: unit.clone() });
+        }
+    }
+}
+
 impl Quantity {
     /// Quantity called `name` in model files. An unknown name is its own title.
     pub fn of(name: &str) -> Self {
+        if let Some(stated) = STATED.read().unwrap_or_else(PoisonError::into_inner).get(name) {
+            return stated.clone();
+        }
         let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.title, p.unit));
         let effect = || Registry::complete().find(name).map(|e| (e.about().title, e.about().unit));
         let (title, unit) = parameter.or_else(effect).unwrap_or((name, "1"));
@@ -154,6 +174,18 @@ mod tests {
             assert!(!title.is_empty() && !title.contains('_'), "{name}: {title}");
         }
         assert_eq!(Quantity::of("gremlins_per_m").title, "gremlins_per_m");
+    }
+
+    #[test]
+    fn an_effect_that_a_model_states_has_its_title_and_unit() {
+        let stated = "expressions:
+  - {name: fence_n_m2, title: fence, unit: N/m^2, force_x_n_m: '-max(0, x - fence_x_m)', prior: {uniform: {low: 0, high: 9}},
+     companions: [{name: fence_x_m, unit: m, prior: {uniform: {low: 0, high: 1}}}]}
+";
+        let model = Model::from_yaml(&format!("{}{stated}", crate::inputs::model_file::SOFT_BAR)).unwrap();
+        learn_stated(&model);
+        assert_eq!(Quantity::of("fence_n_m2").value(3.0), "3.0 N/m²");
+        assert_eq!([Quantity::of("fence_n_m2").title, Quantity::of("fence_x_m").brief(0.05)], ["fence", "50 mm"]);
     }
 
     #[test]
