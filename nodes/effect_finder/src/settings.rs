@@ -31,7 +31,7 @@ pub struct Settings {
     /// Number of the most promising models with a further effect that are fitted. The others are judged by their
     /// linearised minimum.
     pub extensions: usize,
-    /// Least share of the excess residual energy that effects must explain to be named in part.
+    /// Least share of the excess residual energy that effects must explain to be told as the nearest ones.
     pub least_share: f64,
     /// Level of the test of a repaired model. It is lower than `level`, so that a true repair is rarely rejected.
     pub repaired_level: f64,

@@ -292,8 +292,8 @@ fn a_residual_and_a_held_out_difference_widen_the_uncertainty() {
         |validation| find_quickly(Question { validation, candidates: &candidates, ..Question::of(&model, &measured) });
     let (alone, both) = (search(&[]), search(&other));
     for finding in [&alone.finding, &both.finding] {
-        let found = (finding.verdict, names(finding));
-        assert_eq!(found, (Verdict::NamedInPart, vec!["tip_mass_kg".to_owned()]), "{:?}", finding.conclusions);
+        let found = (finding.verdict, finding.nearest.concat());
+        assert_eq!(found, (Verdict::NoneOfThese, vec!["tip_mass_kg".to_owned()]), "{:?}", finding.conclusions);
         let left_mm = finding.repaired.as_ref().unwrap().rmse_mm;
         assert!(left_mm < finding.present.rmse_mm, "{left_mm} of {}", finding.present.rmse_mm);
     }
@@ -301,7 +301,8 @@ fn a_residual_and_a_held_out_difference_widen_the_uncertainty() {
     assert!((own.value - wide.value).abs() < 1e-12 && wide.sd > 2.0 * own.sd, "{own:?} {wide:?}");
     let apart = 0.006 / 2f64.sqrt();
     assert!((0.5 * apart..1.5 * apart).contains(&wide.sd), "{wide:?}");
-    let repaired = both.model.unwrap();
+    assert!(both.model.is_none() && names(&both.finding).is_empty(), "what leaves a residual is not named");
+    let repaired = both.nearest.unwrap();
     let prior = &repaired.theta.parameters()[repaired.theta.index_of("tip_mass_kg").unwrap()].prior;
     let Prior::Normal { sd, .. } = prior else { panic!("{prior}") };
     assert!((sd / wide.sd - 1.0).abs() < 0.2, "{sd} in the model, {} in the finding", wide.sd);
@@ -388,11 +389,12 @@ fn effects_with_equal_changes_form_a_group() {
 
 /// A residual outweighs the ambiguity between two effects in the verdict.
 #[test]
-fn a_group_that_leaves_a_residual_is_named_in_part() {
+fn a_group_that_leaves_a_residual_is_nearest() {
     let candidates = some(&model(), &["frame_delay_s", "exposure_s"]);
     let measured = [episode(&[("frame_delay_s", 0.02), ("camera_tilt_rad", 0.02)], 6)];
     let (finding, _) = search(&model(), &measured, &candidates);
-    assert_eq!((finding.verdict, names(&finding).len()), (Verdict::NamedInPart, 2), "{:?}", finding.conclusions);
+    let nearest = finding.nearest.concat().len();
+    assert_eq!((finding.verdict, nearest), (Verdict::NoneOfThese, 2), "{:?}", finding.conclusions);
     assert!(finding.discrepancy.is_some());
 }
 

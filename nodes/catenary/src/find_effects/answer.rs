@@ -76,13 +76,6 @@ fn by_verdict(finding: &Finding, episodes: usize) -> Vec<String> {
         Verdict::Named => {
             vec![format!("{} missing from the model.", subject(finding)), repair(finding, episodes)]
         }
-        Verdict::NamedInPart => vec![
-            format!(
-                "{} missing from the model, and something else that is no effect of the library.",
-                subject(finding)
-            ),
-            repair(finding, episodes),
-        ],
         Verdict::CannotTellApart => vec![
             format!("{} missing from the model; the recordings cannot tell which.", alternatives(finding)),
             repair(finding, episodes),
@@ -90,7 +83,15 @@ fn by_verdict(finding: &Finding, episodes: usize) -> Vec<String> {
         Verdict::NoneOfThese => {
             let mut sentences =
                 vec!["Something is missing from the model, and no effect of the library explains it.".into(), left];
-            sentences.extend(finding.verification.as_ref().and_then(closes_nothing));
+            if finding.nearest.is_empty() {
+                sentences.extend(finding.verification.as_ref().and_then(closes_nothing));
+            } else {
+                let nearest = groups(finding, &finding.nearest);
+                sentences.push(format!(
+                    "Nearest is {nearest}, which leaves a residual and may only imitate what is missing."
+                ));
+                sentences.push(repair(finding, episodes));
+            }
             sentences
         }
         Verdict::PriorTooNarrow => {
@@ -131,7 +132,12 @@ pub fn pressing(finding: &Finding) -> Vec<String> {
 
 /// Names of the most probable effects.
 pub fn most_probable(finding: &Finding) -> Vec<&str> {
-    finding.found.iter().filter_map(|alike| alike.first()).flat_map(|names| names.split(" + ")).collect()
+    first_of_each(&finding.found).collect()
+}
+
+/// Names of the first effects of each group.
+fn first_of_each(groups: &[Vec<String>]) -> impl Iterator<Item = &str> {
+    groups.iter().filter_map(|alike| alike.first()).flat_map(|names| names.split(" + "))
 }
 
 /// Effect with its size: "tip mass of 0.23 kg (0.16 to 0.29)". Its companions follow in brackets.
@@ -165,18 +171,23 @@ fn subject(finding: &Finding) -> String {
 
 /// Each effect with its indistinguishable alternatives, and the verb.
 fn alternatives(finding: &Finding) -> String {
+    let verb = if finding.found.len() == 1 { "is" } else { "are" };
+    capital(&format!("{} {verb}", groups(finding, &finding.found)))
+}
+
+/// Effects of groups, each with its indistinguishable alternatives.
+fn groups(finding: &Finding, groups: &[Vec<String>]) -> String {
     let joined =
         |names: &String| names.split(" + ").map(|name| effect(finding, name)).collect::<Vec<_>>().join(" with ");
-    let groups: Vec<String> =
-        finding.found.iter().map(|alike| alike.iter().map(joined).collect::<Vec<_>>().join(" or ")).collect();
-    let verb = if groups.len() == 1 { "is" } else { "are" };
-    capital(&format!("{} {verb}", groups.join(", and ")))
+    let words = |alike: &Vec<String>| alike.iter().map(joined).collect::<Vec<_>>().join(" or ");
+    groups.iter().map(words).collect::<Vec<_>>().join(", and ")
 }
 
 /// Sentence on the errors before and after the repair.
 fn repair(finding: &Finding, episodes: usize) -> String {
     let Some(repaired) = &finding.repaired else { return String::new() };
-    let with = if most_probable(finding).len() > 1 { "them" } else { "it" };
+    let count = first_of_each(&finding.found).chain(first_of_each(&finding.nearest)).count();
+    let with = if count > 1 { "them" } else { "it" };
     let change = |before: f64, after: f64| {
         // A repair may raise the error on held-out episodes, and the sentence must not hide it.
         let verb = if after < before { "falls" } else { "goes" };
@@ -240,6 +251,7 @@ pub mod tests {
             probability_of_none: 0.0,
             probability_of_unknown: 0.01,
             found: vec![vec!["tip_mass_kg".into()]],
+            nearest: Vec::new(),
             missing: None,
             repaired: Some(fitness(7.44, 100.0, vec![mass])),
             stand_ins: Vec::new(),
@@ -326,6 +338,15 @@ pub mod tests {
     }
 
     #[test]
+    fn the_answer_says_what_is_nearest_and_that_it_may_imitate() {
+        let nearest = named().found;
+        let said = answer(&Finding { verdict: Verdict::NoneOfThese, found: Vec::new(), nearest, ..named() }, 1);
+        let expected = "Nearest is tip mass of 0.23 kg (0.16 to 0.29), which leaves a residual and may only imitate what is missing.";
+        assert_eq!(said[2], expected);
+        assert!(said[3].starts_with("With it the error falls from 38 to 7.4 mm"), "{said:?}");
+    }
+
+    #[test]
     fn the_answer_names_the_effect_and_the_errors_before_and_after() {
         let said = answer(&named(), 1);
         assert_eq!(said[0], "Tip mass of 0.23 kg (0.16 to 0.29) is missing from the model.");
@@ -341,7 +362,6 @@ pub mod tests {
             Verdict::NoGap,
             Verdict::CannotSee,
             Verdict::Named,
-            Verdict::NamedInPart,
             Verdict::CannotTellApart,
             Verdict::NoneOfThese,
             Verdict::PriorTooNarrow,

@@ -23,6 +23,8 @@ use std::time::Instant;
 
 /// Files of a search: the verdict, the repaired model, the report.
 const FILES: [&str; 3] = ["verdict.json", "model.yaml", "report/index.html"];
+/// Model with the effects nearest to what is missing, where there are such.
+const NEAREST: &str = "nearest.yaml";
 /// File for the simulator's answers, kept until a search has ended.
 const JOURNAL: &str = "search.journal";
 
@@ -85,14 +87,13 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
         }
         Ok(outcome) => outcome,
     };
-    let Outcome { finding, model: repaired, shown } = outcome;
+    let Outcome { finding, model: repaired, nearest, shown } = outcome;
     // Recordings that contradict the model were searched as if they had been given as fitted.
     effect_finder::report::join(&finding.joined, &mut fitted, &mut validation, &mut held_out);
     // Rewritten in place, so that the user's comments in the model file survive.
-    let text = match repaired {
-        Some(model) => model.rewrite(text)?,
-        None => text.to_owned(),
-    };
+    let rewritten = |model: Option<Model>| model.map(|model| model.rewrite(text)).transpose();
+    let nearest = rewritten(nearest)?;
+    let text = rewritten(repaired)?.unwrap_or_else(|| text.to_owned());
     let mut warnings = warnings(&measured.iter().chain(&selecting).chain(&unseen).collect::<Vec<_>>());
     warnings.extend(finding.noise_doubt.clone());
     let used = |list: Vec<(UsedEpisode, MeasuredTrack)>| list.into_iter().map(|(episode, _)| episode).collect();
@@ -109,6 +110,7 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     };
     motion::write(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, model, &shown)?])?;
+    write_nearest(&arguments.out.join(NEAREST), nearest)?;
     journal.remove();
     output::result(&arguments.output, &report, |r| r.words(&arguments.out.join(FILES[2])))?;
     Misfit::check(report.finding.misfit.as_ref(), &arguments.out)
@@ -160,6 +162,16 @@ fn search(
     });
     bar.finish_and_clear();
     found
+}
+
+/// Writes the model with the nearest effects, or removes that of an earlier search.
+fn write_nearest(path: &Path, model: Option<String>) -> Result<()> {
+    match model {
+        Some(text) => files::write(path, text)?,
+        None if path.exists() => std::fs::remove_file(path).with_context(|| path.display().to_string())?,
+        None => (),
+    }
+    Ok(())
 }
 
 fn write(folder: &Path, texts: [String; 3]) -> Result<()> {

@@ -64,12 +64,11 @@ impl Report {
 
 /// Verdict and the effects that it names, in a line.
 fn headline(finding: &Finding) -> String {
-    match finding.found.as_slice() {
-        [] => finding.verdict.name().to_owned(),
-        found => {
-            let effects: Vec<String> = found.iter().map(|alike| alike.join(" or ")).collect();
-            format!("{} ({})", finding.verdict.name(), effects.join(", "))
-        }
+    let list = |groups: &[Vec<String>]| groups.iter().map(|alike| alike.join(" or ")).collect::<Vec<_>>().join(", ");
+    match (finding.found.as_slice(), finding.nearest.as_slice()) {
+        ([], []) => finding.verdict.name().to_owned(),
+        ([], nearest) => format!("{} (nearest: {})", finding.verdict.name(), list(nearest)),
+        (found, _) => format!("{} ({})", finding.verdict.name(), list(found)),
     }
 }
 

@@ -45,13 +45,9 @@ pub struct RepairEvidence {
     pub closed: Vec<ClosedGap>,
     /// Comparison with the present model on validation episodes; none without such episodes, or before it is made.
     pub validation: Option<ValidationEvidence>,
-    /// Probability of the part of the simulator in which something acts that no effect of the library is, beside the effects; none if
-    /// no template explains the residual, or before it is looked at.
-    pub foreign: Option<f64>,
+    /// p-value of the repaired model on the held-out episodes; none without any, or before they are looked at.
+    pub held_out_p_value: Option<f64>,
 }
-
-/// Probability of a part from which on its template counts as known to be missing.
-const KNOWN_TO_BE_MISSING: f64 = 0.95;
 
 /// Evidence of the validation episodes on the best repair.
 #[derive(Debug, Clone, PartialEq)]
@@ -127,8 +123,9 @@ pub enum Objection {
     LessLikely(f64),
     /// Episodes that no fit has seen show a gap, of which the repair may close nothing.
     ClosesNothing(ClosedGap),
-    /// A residual is left, and something that no effect of the library is explains it, with this probability of its part.
-    Foreign(f64),
+    /// A residual is left on the fitted, the validation or the held-out episodes. Among blind worlds with something foreign, the
+    /// names of such effects were wrong in nine of eleven.
+    Residual,
 }
 
 /// Returns whether one of `count` validation and held-out episodes contradicts the present model, by its p-value.
@@ -151,25 +148,25 @@ pub fn decide(evidence: &VerdictEvidence, settings: &Settings) -> Verdict {
     match &evidence.repair {
         None => Verdict::NoneOfThese,
         Some(repair) if repair.objection(settings).is_some() => Verdict::NoneOfThese,
-        Some(repair) if repair.leaves_residual(settings) => Verdict::NamedInPart,
         Some(repair) if repair.alternatives > 0 => Verdict::CannotTellApart,
         Some(_) => Verdict::Named,
     }
 }
 
 impl RepairEvidence {
-    /// Returns whether the repair leaves a residual: its test fails on the fitted episodes, or on the validation ones.
+    /// Returns whether the repair leaves a residual: its test fails on the fitted, the validation or the held-out episodes.
     pub fn leaves_residual(&self, settings: &Settings) -> bool {
-        self.extent == Extent::Part || self.first_p_value.is_some_and(|p| p <= settings.repaired_level)
-    }
-
-    /// Returns whether the effects close the gap, without an objection.
-    pub fn closes_gap(&self, settings: &Settings) -> bool {
-        self.objection(settings).is_none() && !self.leaves_residual(settings)
+        let unseen = [self.first_p_value, self.held_out_p_value];
+        self.extent == Extent::Part || unseen.into_iter().flatten().any(|p| p <= settings.repaired_level)
     }
 
     /// First reason not to name the effects, if there is one.
     pub fn objection(&self, settings: &Settings) -> Option<Objection> {
+        self.refutation(settings).or_else(|| self.leaves_residual(settings).then_some(Objection::Residual))
+    }
+
+    /// First reason to discard the effects, if there is one. Effects with an [`Objection::Residual`] alone are the nearest ones.
+    pub fn refutation(&self, settings: &Settings) -> Option<Objection> {
         let is_left = self.leaves_residual(settings);
         let is_worth_naming = self.share_explained >= settings.least_share
             && self.gain_over_discrepancy >= settings.least_log_bayes_factor;
@@ -185,10 +182,7 @@ impl RepairEvidence {
         let refuted = self.validation.as_ref().and_then(|validation| validation.objection(is_left, settings));
         // An effect that fits and predicts nothing only imitates what is missing.
         let closes_nothing = || self.closed.iter().copied().find(ClosedGap::may_be_nothing);
-        // Beside something foreign whose form is known, effects that fit are mostly its stand-ins: five of five in blind worlds.
-        let is_foreign = |p: &f64| is_left && *p >= KNOWN_TO_BE_MISSING;
-        let foreign = || self.foreign.filter(is_foreign).map(Objection::Foreign);
-        refuted.or_else(|| closes_nothing().map(Objection::ClosesNothing)).or_else(foreign)
+        refuted.or_else(|| closes_nothing().map(Objection::ClosesNothing))
     }
 }
 
@@ -235,7 +229,7 @@ mod tests {
             first_p_value: None,
             closed: Vec::new(),
             validation: None,
-            foreign: None,
+            held_out_p_value: None,
         }
     }
 
@@ -282,11 +276,21 @@ mod tests {
                 Some(RepairEvidence { alternatives: 1, ..repair() }),
                 Verdict::CannotTellApart,
             ),
-            ("a residual is left", Some(partial()), Verdict::NamedInPart),
+            ("a residual is left", Some(partial()), Verdict::NoneOfThese),
             (
                 "a residual outweighs alternatives",
                 Some(RepairEvidence { alternatives: 1, ..partial() }),
-                Verdict::NamedInPart,
+                Verdict::NoneOfThese,
+            ),
+            (
+                "held-out episodes leave a residual",
+                Some(RepairEvidence { held_out_p_value: Some(0.01), ..repair() }),
+                Verdict::NoneOfThese,
+            ),
+            (
+                "held-out episodes leave none",
+                Some(RepairEvidence { held_out_p_value: Some(0.011), ..repair() }),
+                Verdict::Named,
             ),
             ("too small a share", Some(RepairEvidence { share_explained: 0.49, ..partial() }), Verdict::NoneOfThese),
             (
@@ -310,19 +314,8 @@ mod tests {
                 Some(RepairEvidence { rival_gain: Some(3.0), ..repair() }),
                 Verdict::NoneOfThese,
             ),
-            (
-                "something foreign acts beside the effects",
-                Some(RepairEvidence { foreign: Some(0.96), ..partial() }),
-                Verdict::NoneOfThese,
-            ),
-            (
-                "something foreign may act",
-                Some(RepairEvidence { foreign: Some(0.94), ..partial() }),
-                Verdict::NamedInPart,
-            ),
-            ("nothing is left to be foreign", Some(RepairEvidence { foreign: Some(0.99), ..repair() }), Verdict::Named),
             ("validation episodes support the repair", Some(with(repair(), validation())), Verdict::Named),
-            ("validation episodes leave a residual", Some(with(repair(), rejected.clone())), Verdict::NamedInPart),
+            ("validation episodes leave a residual", Some(with(repair(), rejected.clone())), Verdict::NoneOfThese),
             (
                 "a stand-in leaves a validation residual",
                 Some(with(RepairEvidence { is_stand_in: true, ..repair() }, rejected)),
@@ -442,5 +435,7 @@ mod tests {
         assert_eq!(objection(nothing(with(repair(), against(vec![4.0])))), Some(Objection::LessLikely(5.0)));
         assert_eq!(objection(nothing(with(repair(), validation()))), Some(Objection::ClosesNothing(closed(-0.02))));
         assert_eq!(objection(with(repair(), validation())), None);
+        assert_eq!(objection(partial()), Some(Objection::Residual));
+        assert_eq!(partial().refutation(&Settings::default()), None, "effects with a residual are the nearest ones");
     }
 }

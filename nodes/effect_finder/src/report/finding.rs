@@ -91,6 +91,10 @@ pub struct Finding {
     /// Named effects, or alternatives to a prior that is too narrow. A list for each effect: the most probable one,
     /// then the effects that cannot be told from it. Effects that replace it only together are joined by " + ".
     pub found: Vec<Vec<String>>,
+    /// Effects nearest to what is missing, in the form of `found`: they explain the greater part of the gap and leave a residual, so
+    /// that each may only imitate something else.
+    #[serde(default)]
+    pub nearest: Vec<Vec<String>>,
     /// Effects that would explain a part of the gap with a size beyond their prior: they stand in for something else, and are
     /// not named.
     pub stand_ins: Vec<StandIn>,
@@ -177,6 +181,7 @@ impl Finding {
             probability_of_none: 1.0,
             probability_of_unknown: 0.0,
             found: Vec::new(),
+            nearest: Vec::new(),
             stand_ins: Vec::new(),
             repaired: None,
             trade_offs: Vec::new(),
@@ -211,18 +216,18 @@ impl Finding {
         }
     }
 
-    /// Takes over the verdict on the evidence. An objection takes all probability from the candidates. Alternatives to a
-    /// prior that is too narrow are listed only if they close the gap.
+    /// Takes over the verdict on the evidence. An objection takes all probability from the candidates. Those that leave a residual
+    /// are the nearest ones, and alternatives to a prior that is too narrow are listed only if they close the gap.
     pub(crate) fn conclude(&mut self, evidence: &VerdictEvidence, settings: &Settings) {
         self.verdict = decide(evidence, settings);
         match evidence.repair.as_ref().and_then(|repair| repair.objection(settings)) {
             None => (),
             Some(Objection::LessLikely(_)) => self.withdraw(),
+            Some(Objection::Residual) => {
+                self.nearest = std::mem::take(&mut self.found);
+                self.refute();
+            }
             Some(_) => self.refute(),
-        }
-        let closes_gap = evidence.repair.as_ref().is_some_and(|repair| repair.closes_gap(settings));
-        if self.verdict == Verdict::PriorTooNarrow && !closes_gap {
-            self.found.clear();
         }
     }
 

@@ -11,6 +11,8 @@ pub struct Outcome {
     pub finding: Finding,
     /// Repaired model, if effects were found.
     pub model: Option<Model>,
+    /// Model with the effects nearest to what is missing, if there are such.
+    pub nearest: Option<Model>,
     /// Predictive bands, one entry an episode: fitted episodes first, then held-out ones.
     pub shown: Vec<EpisodeBands>,
 }

@@ -228,10 +228,13 @@ pub fn objected(objection: Objection, repair: &Hypothesis, rmse_mm: f64) -> Stri
                 100.0 * share
             )
         }
-        Objection::Foreign(probability) => format!(
-            "something that no effect of the library is acts beside them (probability {probability:.2}), and effects that fit may only \
-             imitate it"
-        ),
+        Objection::Residual => {
+            let titles: Vec<&str> = repair.candidates.iter().map(|c| c.title.as_str()).collect();
+            format!(
+                "nearest is {}, which leaves a residual and may only imitate what is missing",
+                titles.join(" with ")
+            )
+        }
     };
     format!("none of these: {reason}")
 }

@@ -15,11 +15,9 @@ pub enum Verdict {
     Named,
     /// Several explanations close the gap, and the data do not tell them apart.
     CannotTellApart,
-    /// Effects explain the greater part of the gap (perhaps one of several explanations), and a residual is left that
-    /// no candidate explains.
-    NamedInPart,
     /// The gap stays: no candidate closes it, the best one is a stand-in, a template explains the data better, or episodes
-    /// that no fit saw refute the repair.
+    /// that no fit saw refute the repair. Effects that explain its greater part and leave a residual are the nearest ones, and
+    /// are not named.
     NoneOfThese,
     /// The gap closes beyond the prior of a parameter, or of a value of an episode, at its bound. Effects that close it within the priors are listed
     /// as alternatives.
@@ -34,7 +32,6 @@ impl Verdict {
             Verdict::CannotSee => "cannot_see",
             Verdict::Named => "named",
             Verdict::CannotTellApart => "cannot_tell_apart",
-            Verdict::NamedInPart => "named_in_part",
             Verdict::NoneOfThese => "none_of_these",
             Verdict::PriorTooNarrow => "prior_too_narrow",
         }

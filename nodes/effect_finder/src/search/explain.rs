@@ -10,8 +10,8 @@ use crate::report::{Objection, Outcome, RepairEvidence, Separation, repaired, se
 pub(super) struct Explained {
     /// Evidence on the best repair; none if no candidate model is more probable than the present one.
     pub repair: Option<RepairEvidence>,
-    /// Present model with the named effects; none if no effect is named.
-    pub named: Option<Hypothesis>,
+    /// Present model with the named effects, or with the nearest ones; none without either.
+    pub best: Option<Hypothesis>,
 }
 
 impl Search<'_> {
@@ -30,7 +30,7 @@ impl Search<'_> {
         let Some(best) = best else {
             finding.discrepancy = likeliest_discrepancy(base, baseline);
             outcome.shown = self.bands(base, None)?;
-            return Ok(Explained { repair: None, named: None });
+            return Ok(Explained { repair: None, best: None });
         };
         let mut alike = ranking.alike(self.settings);
         for (effect, value) in alike.iter().skip(1).filter_map(|h| h.stand_in()) {
@@ -47,13 +47,13 @@ impl Search<'_> {
         let rmse_mm = fitness.rmse_mm;
         if evidence.leaves_residual(self.settings) {
             finding.discrepancy = likeliest_discrepancy(&best, baseline);
-            if let Some(objection) = evidence.objection(self.settings) {
+            if let Some(objection) = evidence.refutation(self.settings) {
                 finding.repaired = Some(fitness);
                 outcome.shown = self.bands(base, Some(&best))?;
                 let stage = if checked.is_some() { Stage::Verify } else { Stage::Repair };
                 self.show_verification(checked, outcome)?;
                 self.reporter.conclude(stage, sentences::objected(objection, &best, rmse_mm))?;
-                return Ok(Explained { repair: Some(evidence), named: None });
+                return Ok(Explained { repair: Some(evidence), best: None });
             }
             best = self.fit_with_discrepancy(best, &mut fitness, baseline)?;
             finding.set_magnitudes(best.magnitudes());
@@ -73,26 +73,35 @@ impl Search<'_> {
             evidence.closed.extend(verification.closed());
             evidence.validation = Some(self.validation_evidence(verification, [base, &best], &alike)?);
         }
-        if evidence.objection(self.settings).is_none() {
+        if evidence.refutation(self.settings).is_none() {
             let held_out = self.verify_held_out(base, &best, &ranking)?;
             evidence.closed.extend(held_out.as_ref().and_then(|checked| checked.verification.closed()));
+            evidence.held_out_p_value = held_out.as_ref().and_then(|checked| checked.verification.p_value);
             self.show_verification(held_out, outcome)?;
         }
-        if let Some(objection) = evidence.objection(self.settings) {
+        if let Some(objection) = evidence.refutation(self.settings) {
             if matches!(objection, Objection::LessLikely(_) | Objection::ClosesNothing(_)) {
                 // The discrepancy of the present model is reported, because the repaired model is discarded.
                 outcome.finding.discrepancy = likeliest_discrepancy(base, baseline);
             }
             self.reporter.conclude(Stage::Verify, sentences::objected(objection, &best, rmse_mm))?;
-            return Ok(Explained { repair: Some(evidence), named: None });
+            return Ok(Explained { repair: Some(evidence), best: None });
         }
         outcome.finding.separation = self.separation(&alike)?;
         if best.candidates.iter().any(|c| !c.companions.is_empty()) {
             self.reporter.conclude(Stage::Repair, sentences::LOCAL_INTERVALS.to_owned())?;
         }
         let posterior = best.posterior().ok_or_else(FinderError::curvature)?;
-        outcome.model = Some(repaired(self.question.model, &best, &posterior)?);
-        Ok(Explained { repair: Some(evidence), named: Some(best) })
+        let model = repaired(self.question.model, &best, &posterior)?;
+        match evidence.objection(self.settings) {
+            None => outcome.model = Some(model),
+            Some(objection) => {
+                outcome.finding.discrepancy = likeliest_discrepancy(&best, baseline);
+                outcome.nearest = Some(model);
+                self.reporter.conclude(Stage::Verify, sentences::objected(objection, &best, rmse_mm))?;
+            }
+        }
+        Ok(Explained { repair: Some(evidence), best: Some(best) })
     }
 
     /// Puts a verification and its bands into the outcome.

@@ -8,8 +8,8 @@ use super::question::Question;
 use crate::error::FinderError;
 use crate::evidence::{Baseline, Detection, Effort, Hypothesis};
 use crate::report::{
-    Finding, Fitness, FurtherTest, Objection, Outcome, PressingValue, Verdict, VerdictEvidence, index_among_all,
-    is_too_quiet, join, limits, localise, sentences, trade_offs,
+    Finding, Fitness, FurtherTest, Outcome, PressingValue, Verdict, VerdictEvidence, index_among_all, is_too_quiet,
+    join, limits, localise, sentences, trade_offs,
 };
 use crate::settings::Settings;
 use catenary_core::DifferentiableSimulator;
@@ -135,8 +135,12 @@ impl Search<'_> {
         let Tested { base, baseline, detection, fitness, pressing, pressing_values, is_gap } = tested;
         let p_value = fitness.test.p_value;
         let places = localise(&base.fit, &self.problem.channels(), &detection);
-        let mut outcome =
-            Outcome { finding: Finding::without_gap(fitness, places, pressing), model: None, shown: Vec::new() };
+        let mut outcome = Outcome {
+            finding: Finding::without_gap(fitness, places, pressing),
+            model: None,
+            nearest: None,
+            shown: Vec::new(),
+        };
         outcome.finding.pressing_values = pressing_values;
         outcome.finding.noise = Some(self.noise);
         outcome.finding.noise_doubt =
@@ -161,7 +165,7 @@ impl Search<'_> {
         if !at_bound.is_empty() && !closes_beyond_prior {
             self.reporter.conclude(Stage::Localise, sentences::at_bound(&at_bound))?;
         }
-        let Explained { repair, named } = if is_gap {
+        let Explained { repair, best } = if is_gap {
             self.explain(&base, &baseline, &mut outcome)?
         } else {
             // Without a gap the estimates of the present model are the result, and hold with these doubts.
@@ -170,34 +174,23 @@ impl Search<'_> {
                 self.reporter.conclude(Stage::Localise, sentences::traded(trade_off))?;
             }
             outcome.shown = self.bands(&base, None)?;
-            Explained { repair: None, named: None }
+            Explained { repair: None, best: None }
         };
         let test = &outcome.finding.present.test;
         let is_blind = self.noise.is_unknown || is_too_quiet(test);
         let hidden_gap_mm = is_blind.then(|| self.hidden_gap_mm(test)).flatten();
-        let mut evidence = VerdictEvidence { p_value, further, is_blind, closes_beyond_prior, repair };
+        let evidence = VerdictEvidence { p_value, further, is_blind, closes_beyond_prior, repair };
         outcome.finding.conclude(&evidence, self.settings);
         if outcome.finding.verdict == Verdict::CannotSee {
             outcome.finding.hidden_gap_mm = hidden_gap_mm;
             self.reporter.conclude(Stage::Detect, sentences::unseen(hidden_gap_mm))?;
         }
         if outcome.finding.verdict == Verdict::PriorTooNarrow {
-            outcome.model = None;
+            (outcome.model, outcome.nearest) = (None, None);
             self.reporter.conclude(Stage::Repair, sentences::at_the_edge(&outcome.finding))?;
         }
-        if matches!(outcome.finding.verdict, Verdict::NoneOfThese | Verdict::NamedInPart) {
-            outcome.finding.missing = self.missing(named.as_ref().unwrap_or(&base), &baseline)?;
-        }
-        if outcome.finding.verdict == Verdict::NamedInPart
-            && let (Some(repair), Some(named)) = (&mut evidence.repair, &named)
-        {
-            repair.foreign = outcome.finding.missing.as_ref().and_then(|missing| self.foreign(missing));
-            if let Some(objection @ Objection::Foreign(_)) = repair.objection(self.settings) {
-                let rmse_mm = outcome.finding.repaired.as_ref().map_or(0.0, |fitness| fitness.rmse_mm);
-                outcome.model = None;
-                outcome.finding.conclude(&evidence, self.settings);
-                self.reporter.conclude(Stage::Verify, sentences::objected(objection, named, rmse_mm))?;
-            }
+        if outcome.finding.verdict == Verdict::NoneOfThese {
+            outcome.finding.missing = self.missing(best.as_ref().unwrap_or(&base), &baseline)?;
         }
         outcome.finding.conclusions = self.reporter.into_conclusions();
         Ok(outcome)
@@ -361,8 +354,8 @@ mod tests {
         find(question, &simulator, &settings, &mut |_| ControlFlow::Continue(())).unwrap()
     }
 
-    fn named_in_part(name: &str) -> (Verdict, Vec<Vec<String>>) {
-        (Verdict::NamedInPart, vec![vec![name.to_owned()]])
+    fn nearest(name: &str) -> (Verdict, Vec<Vec<String>>) {
+        (Verdict::NoneOfThese, vec![vec![name.to_owned()]])
     }
 
     /// The drag lies beyond its prior. Either its range ends at 0.04, or only the search does, at 0.06.
@@ -387,18 +380,18 @@ mod tests {
         assert!(limited.repaired.as_ref().is_some_and(|r| r.test.p_value > 0.05), "the fitted episode is closed");
         assert!(limited.verification.as_ref().is_some_and(|v| v.p_value.is_some_and(|p| p <= 0.01)));
         assert_eq!((limited.verdict, limited.found.len()), (Verdict::NoneOfThese, 0));
-        assert_eq!((open.verdict, open.found), named_in_part(DRAG), "its prior reaches to the end of its range");
+        assert_eq!((open.verdict, open.nearest), nearest(DRAG), "its prior reaches to the end of its range");
     }
 
     #[test]
     fn a_stand_in_is_not_added_to_the_named_effects() {
         let hidden = [(DRAG, 0.05), (MASS, 0.04)];
         let outcome = with_limits(&hidden, &[&hidden], [0.1, 1e3]);
-        let (found, model) = (outcome.finding, outcome.model.unwrap());
+        let (found, model) = (outcome.finding, outcome.nearest.unwrap());
         let told = "tip_mass_kg would have to be 0.03000, beyond its prior of 0 to 0.02000: it is not added";
         assert!(found.conclusions.iter().any(|s| s.contains(told)), "{:?}", found.conclusions);
         assert!(model.theta.index_of(DRAG).is_some() && model.theta.index_of(MASS).is_none());
         assert_eq!(found.explanations[0].names(), DRAG);
-        assert_eq!((found.verdict, found.found), named_in_part(DRAG));
+        assert_eq!((found.verdict, found.nearest), nearest(DRAG));
     }
 }

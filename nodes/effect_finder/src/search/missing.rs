@@ -87,12 +87,6 @@ impl<'a> Search<'a> {
         Ok(found)
     }
 
-    /// Probability of the part in which the missing thing acts; none if it has the form of an effect of the library.
-    pub(super) fn foreign(&self, missing: &Missing) -> Option<f64> {
-        let is_known = |t: &Template| t.is_known && t.name == missing.form.template;
-        (!self.question.templates.iter().any(is_known)).then_some(missing.probability)
-    }
-
     /// Gain in log evidence of `model` by things that no effect of the library is; zero without templates.
     pub(super) fn gain_by_templates(
         &mut self,

@@ -32,7 +32,7 @@ impl<'a> Search<'a> {
             alternatives,
             first_p_value: checked.and_then(|c| c.verification.p_value),
             closed: Vec::new(),
-            foreign: None,
+            held_out_p_value: None,
             validation: None,
         }
     }
@@ -222,7 +222,7 @@ mod tests {
                     first_p_value: None,
                     closed: Vec::new(),
                     validation,
-                    foreign: None,
+                    held_out_p_value: None,
                 };
                 match fitted.objection(&settings) {
                     Some(Objection::LessLikely(loss)) => loss,
