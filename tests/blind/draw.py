@@ -44,8 +44,8 @@ OBJECT_NAMES = ["soft", "stiff"]
 # Two effects that hide each other, beside pairs drawn at random. Camera scale and length hide each other, too, in every world: the
 # search does not know the length.
 HARD_PAIR = ("arm_lag_s", "grip_compliance_rad_n_m")
-# Effects that act at random, which no fit can find.
-NEVER = {"dropped_frames", "keypoint_noise_px"}
+# Effects that act at random, which no fit can find, and one that a search tries only where its model file expects it.
+NEVER = {"dropped_frames", "keypoint_noise_px", "rest_bend_rad"}
 # Unlisted effects of the simulator.
 UNLISTED = [
     "middle_mass_kg",
@@ -67,7 +67,14 @@ UNLISTED = [
 # Companions that set where and how fast unlisted effects act, and their drawn values: away from the ends of the object, and between a
 # slow swing and two frames.
 PLACE, FREQUENCY = "unlisted_place", "unlisted_frequency_hz"
-COMPANIONS = {PLACE: lambda rng: rng.uniform(0.15, 0.85), FREQUENCY: lambda rng: numpy.exp(rng.uniform(numpy.log(0.3), numpy.log(2.0)))}
+COMPANIONS = {
+    PLACE: lambda rng: rng.uniform(0.15, 0.85),
+    FREQUENCY: lambda rng: log_uniform(rng, 0.3, 2.0),
+    "strand_slip_turn_rad": lambda rng: log_uniform(rng, 0.03, 1.0),
+    "strand_slip_spread": lambda rng: log_uniform(rng, 1.0, 30.0),
+    "tip_load_offset_m": lambda rng: rng.uniform(0.0, 0.06),
+    "tip_load_gyration_radius_m": lambda rng: log_uniform(rng, 0.005, 0.03),
+}
 # Unlisted effects that act on the arm alone.
 OF_THE_ARM = {"undershoot"}
 # Places of the unlisted effects that have one of their own.
@@ -103,6 +110,10 @@ def actions(rng):
             rows.append(to - at)
             at = to
     return rows
+
+
+def log_uniform(rng, low, high):
+    return numpy.exp(rng.uniform(numpy.log(low), numpy.log(high)))
 
 
 def write_actions(path, rows):

@@ -44,6 +44,7 @@ def row_of(answer, finding):
         "drive": answer["drive"],
         "verdict": finding["verdict"],
         "found": found,
+        "nearest": finding.get("nearest", []),
         "p": finding["present"]["test"]["p_value"],
         "null_sets": len(finding["present"]["test"]["null"]),
         "detected": finding["verdict"] != "no_gap",

@@ -117,8 +117,9 @@ def of_effect(name, effects, missing, sizes):
 def of_structured(rows):
     """Figures of worlds with a residual that no effect is: alone, and beside effects of the library."""
     is_none = lambda row: row["verdict"] == "none_of_these"
-    # Beside effects, these are named and a residual is reported.
-    is_in_part = lambda row: row["top_1"] and row["left"]
+    # Beside effects, just these are named or nearest, and a residual is reported.
+    nearest = lambda row: sorted(alike[0] for alike in row.get("nearest", []))
+    is_in_part = lambda row: row["left"] and (row["top_1"] or bool(row["hidden"]) and nearest(row) == row["hidden"])
     alone, beside = [[row for row in rows if bool(row["hidden"]) == with_effects] for with_effects in (False, True)]
     kind_of = lambda row: row["unlisted"]["name"]
     ruled = lambda some: [row for row in some if kind_of(row) in RULED]

@@ -178,6 +178,9 @@ def test_fresh_kinds_of_residuals_are_told_from_those_that_rules_were_made_on():
     assert found["none_of_these"]["ruled"]["share"] == 1.0 and found["none_of_these"]["fresh"]["share"] == 0.5
     assert found["left"]["fresh"]["share"] == 1.0
     assert found["each"]["kink_rad"]["of"] == 2 and found["each"]["kink_rad"]["instead"] == {"tip_mass_kg": 1}
+    nearest = finding(verdict="none_of_these") | {"nearest": [["tip_mass_kg"]]}
+    beside = scored((answer(kind="structured", unlisted=unlisted("kink_rad")), nearest))["structured"]["beside"]["1"]
+    assert (beside["in_part"]["share"], beside["false"]["share"]) == (1.0, 0.0)
     assert found["beside"]["1"]["in_part"]["share"] == 0.5 and found["beside"]["1"]["false"]["share"] == 0.0
     assert set(rows.RULED) < set(draw.UNLISTED)
 
