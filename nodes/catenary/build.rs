@@ -39,17 +39,21 @@ fn commit(root: &Path) -> Option<String> {
     Some(if changed.is_empty() { commit } else { commit + "-dirty" })
 }
 
+/// Entries of a folder; none if it cannot be read.
+fn below(folder: &Path) -> Vec<PathBuf> {
+    std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
+}
+
 /// Makes cargo run this script again when the commit or the sources change, and only then.
 fn watch(root: &Path) {
     let log = git(root, &["rev-parse", "--git-path", "logs/HEAD"]).map(|path| root.join(path));
     let sources = SOURCES.iter().flat_map(|source| match *source {
         // Tests and benches are not part of the program.
-        "nodes" => std::fs::read_dir(root.join("nodes"))
-            .into_iter()
-            .flatten()
-            .flatten()
-            .map(|e| e.path().join("src"))
-            .collect(),
+        "nodes" => {
+            // The program itself, and the crates in their groups.
+            let groups = below(&root.join("nodes"));
+            groups.iter().cloned().chain(groups.iter().flat_map(|group| below(group))).map(|p| p.join("src")).collect()
+        }
         source => vec![root.join(source)],
     });
     // Cargo would treat a missing file as a change and run the script at every build.

@@ -81,7 +81,7 @@ def test_a_hidden_mass_is_named_and_verified_on_an_unseen_episode(hidden_mass):
     ):
         assert words in page, words
     assert "validation episodes" in done.stderr
-    told = (ROOT / "nodes/effect_finder/VERDICT.md").read_text()
+    told = (ROOT / "nodes/method/effect_finder/VERDICT.md").read_text()
     untold = {key for key in fields({k: v for k, v in said.items() if k != "settings"}) if f"`{key}`" not in told}
     assert not untold, untold
 

@@ -4,7 +4,7 @@ import pytest
 
 from support.program import MODEL
 
-# The gain varies from seed to seed; tests in nodes/bayes_sim measure it over many.
+# The gain varies from seed to seed; tests in nodes/method/bayes_sim measure it over many.
 SIZES = ("--preset", "networks", "--iterations", 6, "--simulations", 100, "--seed", 2)
 
 

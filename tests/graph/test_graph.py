@@ -28,7 +28,7 @@ from support.stamps import stamp_s
 
 # Topics that the recorder takes by default.
 CONTRACT = {t.name: t for t in TOPICS if t.name not in ("/clock", "/camera/camera/color/image_raw")}
-# Largest action of a step, `MAX_DELTA_M` of nodes/core.
+# Largest action of a step, `MAX_DELTA_M` of nodes/method/core.
 MAX_DELTA_M = 0.06
 
 

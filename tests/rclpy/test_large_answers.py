@@ -1,7 +1,7 @@
 """Answers of more than 64 kB: a program on Fast DDS gets a refusal with the reason, at once, and the node says so.
 
-RustDDS 0.15.1 garbles an answer of several fragments (nodes/shell/patches/rustdds-0.15.1-inline-qos-of-fragments.patch). With a
-RustDDS that does not, the refusal in nodes/shell/src/dds/service_endpoints.rs must go.
+RustDDS 0.15.1 garbles an answer of several fragments (nodes/ros/shell/patches/rustdds-0.15.1-inline-qos-of-fragments.patch). With a
+RustDDS that does not, the refusal in nodes/ros/shell/src/dds/service_endpoints.rs must go.
 """
 
 import re

@@ -5,7 +5,7 @@ import json
 from support.given_parameters import of_rclpy
 from support.program import ROOT
 
-TABLE = ROOT / "nodes/shell/src/parameters/args/rcl.json"
+TABLE = ROOT / "nodes/ros/shell/src/parameters/args/rcl.json"
 
 
 def test_the_table_holds_for_rclpy(tmp_path):

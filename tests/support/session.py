@@ -101,7 +101,7 @@ class Session:
         """Starts the nodes of a launch file, and a node of rclpy that sees all of them; returns the launch's process.
 
         A participant of Fast DDS that begins while nodes on RustDDS 0.15.1 make their endpoints may never hear of some of them
-        (nodes/shell, `settle.rs`). So rclpy begins when the nodes are there, and begins anew if it missed some all the same.
+        (nodes/ros/shell, `settle.rs`). So rclpy begins when the nodes are there, and begins anew if it missed some all the same.
         """
         launch = self.start("launch", ROOT / "launch_configs" / file, "--log", self.folder / "log", *arguments)
 

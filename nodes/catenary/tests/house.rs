@@ -33,21 +33,52 @@ const ON_NETWORKS: [&str; 2] = ["camera", "keypoint_tracker"];
 /// Libraries that fit a simulator to tracks.
 const ON_FITS: [&str; 2] = ["bayes_sim", "effect_finder"];
 
+/// Groups of crates below `nodes/`, each with the groups or crates that its libraries may import besides those of the group itself:
+/// "one/crate" or "group". Their node shells may import `ros`, too.
+const STREET: [(&str, &[&str]); 5] = [
+    ("method", &[]),
+    ("eyes", &["method/core", "method/convnet"]),
+    ("cell", &["method"]),
+    ("arm", &["method/core"]),
+    ("ros", &["method/core"]),
+];
+/// Imports of node shells beyond the street: the cell's arm passes the gate of the bridge, so that simulated and real targets are
+/// refused alike.
+const LANES: [(&str, &str); 1] = [("cell/simulated_cell", "arm/panda_bridge")];
+
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// Dependencies of each workspace crate on other workspace crates: name, and true if optional. Dev-dependencies do not
-/// count, because they reach no shipped code.
-fn arrows() -> BTreeMap<String, Vec<(String, bool)>> {
+fn text(value: &Value) -> String {
+    value.as_str().unwrap().to_owned()
+}
+
+/// Packages of the workspace.
+fn packages() -> Vec<Value> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--no-deps", "--format-version", "1"])
         .current_dir(root())
         .output()
         .unwrap();
     let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let packages = metadata["packages"].as_array().unwrap();
-    let text = |v: &Value| v.as_str().unwrap().to_owned();
+    metadata["packages"].as_array().unwrap().clone()
+}
+
+/// Folder of each crate below `nodes/`: "method/core", or "catenary".
+fn places() -> BTreeMap<String, String> {
+    let place = |package: &Value| {
+        let manifest = text(&package["manifest_path"]);
+        let folder = Path::new(&manifest).parent().unwrap().to_str().unwrap();
+        folder.rsplit_once("/nodes/").map(|(_, place)| (text(&package["name"]), place.to_owned()))
+    };
+    packages().iter().filter_map(place).collect()
+}
+
+/// Dependencies of each workspace crate on other workspace crates: name, and true if optional. Dev-dependencies do not
+/// count, because they reach no shipped code.
+fn arrows() -> BTreeMap<String, Vec<(String, bool)>> {
+    let packages = packages();
     let ours: Vec<String> = packages.iter().map(|p| text(&p["name"])).collect();
     let of = |p: &Value| {
         let dependencies = p["dependencies"].as_array().unwrap().iter().filter(|d| d["kind"].is_null());
@@ -85,10 +116,34 @@ fn dependency_arrows_run_one_way() {
 }
 
 #[test]
+fn groups_keep_to_the_street() {
+    let (places, arrows) = (places(), arrows());
+    let mut crossings = 0;
+    for (name, place) in places.iter().filter(|(_, place)| *place != "catenary") {
+        let group = place.split('/').next().unwrap();
+        let (_, allowed) = STREET.iter().find(|(of, _)| *of == group).unwrap_or_else(|| panic!("{place}: no group"));
+        for (other, is_shell) in &arrows[name] {
+            // The interface files lie beside the nodes.
+            let Some(to) = places.get(other) else {
+                assert!(*is_shell || group == "ros", "{place} imports {other} beyond its shell");
+                continue;
+            };
+            let their = to.split('/').next().unwrap();
+            let is_known = their == group || allowed.contains(&their) || allowed.contains(&to.as_str());
+            let is_of_shell = *is_shell && (their == "ros" || LANES.contains(&(place, to)));
+            assert!(is_known || is_of_shell, "{place} imports {to}: {group} may import {allowed:?} alone");
+            crossings += usize::from(their != group);
+        }
+    }
+    // Guards against a search that finds nothing and therefore passes.
+    assert!(crossings > 20, "found {crossings} imports across groups: the search is broken");
+}
+
+#[test]
 fn wire_types_stay_in_shells() {
+    let places = places();
     for name in ALGORITHMS {
-        let folder = name.strip_prefix("catenary_").unwrap_or(name);
-        for file in rust_files(&root().join("nodes").join(folder).join("src")) {
+        for file in rust_files(&root().join("nodes").join(&places[name]).join("src")) {
             let path = file.strip_prefix(root()).unwrap().display().to_string();
             let shell = ["/node.rs", "/node/", "/convert.rs", "/convert/", "/main.rs", "/bin/"]
                 .iter()
@@ -157,7 +212,7 @@ fn quantities_carry_their_units() {
         assert_eq!(has_unit(about.name), about.unit != "1", "effect {} of unit {}", about.name, about.unit);
     }
     let mut quantities = 0;
-    for file in rust_files(&root().join("nodes/core/src")) {
+    for file in rust_files(&root().join("nodes/method/core/src")) {
         let text = std::fs::read_to_string(&file).unwrap();
         for line in text.lines() {
             let Some((name, kind)) = line.trim().strip_prefix("pub ").and_then(|field| field.split_once(": ")) else {

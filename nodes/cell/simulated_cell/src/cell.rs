@@ -290,11 +290,11 @@ mod tests {
     use super::*;
 
     fn soft_bar() -> Model {
-        Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
+        Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
     }
 
     fn cable() -> Model {
-        Model::from_yaml(include_str!("../../../launch_configs/models/measured_cable.yaml")).unwrap()
+        Model::from_yaml(include_str!("../../../../launch_configs/models/measured_cable.yaml")).unwrap()
     }
 
     fn cell() -> Cell {

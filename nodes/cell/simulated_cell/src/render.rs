@@ -381,7 +381,7 @@ mod tests {
     use catenary_core::{Camera, GripPose, Model};
 
     fn soft_bar() -> Model {
-        Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
+        Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
     }
 
     fn camera() -> Pinhole {

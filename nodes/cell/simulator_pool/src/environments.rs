@@ -92,7 +92,7 @@ mod tests {
     use catenary_core::Fidelity;
     use catenary_simulator::model_text;
 
-    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
+    const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
 
     fn env() -> VectorEnv {
         let model = model_text::read(SOFT_BAR).unwrap();

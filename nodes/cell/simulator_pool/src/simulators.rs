@@ -89,7 +89,7 @@ impl Simulators {
 mod tests {
     use super::*;
 
-    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
+    const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
 
     #[test]
     fn a_change_of_workers_reaches_the_next_batch() {

@@ -20,7 +20,7 @@ mod tests {
     use catenary_core::simulator::StartShape;
     use catenary_core::track::Track;
 
-    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
+    const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
 
     #[test]
     fn each_part_changes_the_fingerprint() {

@@ -275,7 +275,7 @@ mod tests {
     use catenary_core::{Drive, GripTrajectory, Mlp, SimulatorError};
     use std::cell::RefCell;
 
-    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
+    const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
 
     /// Linear-Gaussian toy over the model's parameters, which records its requests.
     struct Toy<'a>(&'a Model, RefCell<Vec<SimulationRequest>>);

@@ -203,7 +203,7 @@ mod tests {
 
     #[test]
     fn a_drive_other_than_the_model_files_gets_a_warning() {
-        let model_yaml = include_str!("../../../launch_configs/models/soft_bar.yaml").to_owned();
+        let model_yaml = include_str!("../../../../launch_configs/models/soft_bar.yaml").to_owned();
         let of = |drive| model(&InferGoal { model_yaml: model_yaml.clone(), drive, ..InferGoal::default() }).unwrap();
         let (same, nothing) = of(SimulateRequest::DRIVE_GRIP);
         assert_eq!((same.observation.drive, nothing), (DriveKind::Grip, None));

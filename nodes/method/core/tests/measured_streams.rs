@@ -36,7 +36,7 @@ fn row(line: &str) -> Row {
 }
 
 fn model() -> Model {
-    Model::from_yaml(include_str!("../../../launch_configs/models/measured_cable.yaml")).unwrap()
+    Model::from_yaml(include_str!("../../../../launch_configs/models/measured_cable.yaml")).unwrap()
 }
 
 /// Episode of these rows, in the camera of `model`.

@@ -107,7 +107,7 @@ fn recording(model: &Model, rate_hz: usize) -> MeasuredTrack {
 }
 
 fn model(stated_px: f64) -> Model {
-    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar_place.yaml")).unwrap();
+    let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar_place.yaml")).unwrap();
     model.camera.keypoint_noise_px = stated_px;
     model
 }

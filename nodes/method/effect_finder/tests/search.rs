@@ -19,7 +19,7 @@ const LENGTH_M: f64 = 0.25;
 const YOUNGS_MODULUS_PA: f64 = 9e3;
 
 fn model() -> Model {
-    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
     model.camera.position_jitter_m = 0.0;
     model.observation.frames = 17;
     model
@@ -171,7 +171,7 @@ fn a_world_without_a_hidden_effect_has_no_gap() {
 /// found, and the repaired model infers both.
 #[test]
 fn a_wall_that_the_model_file_states_is_named_and_found() {
-    let text = include_str!("../../../launch_configs/models/soft_bar.yaml");
+    let text = include_str!("../../../../launch_configs/models/soft_bar.yaml");
     let wall = r#"
 expressions:
   - name: wall_n_m2

@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn a_plan_of_another_task_is_refused_before_a_training() {
-        let text = include_str!("../../../launch_configs/models/soft_bar_place.yaml");
+        let text = include_str!("../../../../launch_configs/models/soft_bar_place.yaml");
         let model = Model::from_yaml(text).unwrap();
         let task = model.task.unwrap();
         let plan = Plan { steps: vec![[[0.1, 0.0, 0.0]; 2]; task.steps] };

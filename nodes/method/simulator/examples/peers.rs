@@ -46,7 +46,7 @@ const CANTILEVER_PA: f64 = 1e7;
 /// Model of the soft bar with the linear law and without lateral contraction, as every peer can simulate it, seen in
 /// its plane. The last keypoint is the tip.
 fn model(grip_angle_rad: f64) -> Model {
-    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
     model.object.axial_law = AxialLaw::Linear;
     model.object.keypoint_fractions = [0.25, 0.5, 0.75, 1.0];
     model.object.hidden_length_m = 0.0;

@@ -59,8 +59,8 @@ mod tests {
     use catenary_core::Goal;
     use catenary_core::model::{ArmLaw, Impedance, WrenchNoise};
 
-    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
-    const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
+    const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+    const CABLE: &str = include_str!("../../../../launch_configs/models/measured_cable.yaml");
 
     #[test]
     fn equal_models_have_equal_fingerprints_and_changed_ones_have_others() {

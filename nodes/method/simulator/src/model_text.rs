@@ -40,8 +40,8 @@ fn error_in(model: &Model, error: &ParameterError) -> ModelError {
 mod tests {
     use super::*;
 
-    const SOFT_BAR: &str = include_str!("../../../launch_configs/models/soft_bar.yaml");
-    const CABLE: &str = include_str!("../../../launch_configs/models/measured_cable.yaml");
+    const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+    const CABLE: &str = include_str!("../../../../launch_configs/models/measured_cable.yaml");
 
     fn message(text: &str, old: &str, new: &str) -> String {
         assert_eq!(text.matches(old).count(), 1, "{old}");

@@ -356,11 +356,11 @@ pub(crate) mod tests {
     use super::*;
 
     pub fn soft_bar() -> Model {
-        Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
+        Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
     }
 
     pub fn cable() -> Model {
-        Model::from_yaml(include_str!("../../../launch_configs/models/measured_cable.yaml")).unwrap()
+        Model::from_yaml(include_str!("../../../../launch_configs/models/measured_cable.yaml")).unwrap()
     }
 
     #[test]

@@ -114,7 +114,7 @@ fn own() -> Registry {
 }
 
 fn model() -> Model {
-    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
     model.effects.clear();
     model.parameters.insert("kelvin_voigt_time_s".into(), 0.03);
     model

@@ -23,7 +23,7 @@ pub struct Toy {
 
 /// Model with two parameters and nothing drawn anew for each episode.
 pub fn model() -> Model {
-    let mut model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml"))
+    let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml"))
         .expect("the sample model is valid");
     model.effects.clear();
     model.camera.position_jitter_m = 0.0;

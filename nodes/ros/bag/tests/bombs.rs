@@ -137,7 +137,7 @@ fn memory_and_disk_stay_small() {
     let peaks = [60, 240].map(|seconds| {
         let path = place(&format!("long_{seconds}"));
         long_bag(&path, seconds);
-        let model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         let _before = peak_kb();
         let bag = BagReader::open(&path).unwrap();
         assert_eq!(bag.verify().readable, bag.message_count());

@@ -43,11 +43,11 @@ impl Change<'_> {
 }
 
 fn sample() -> BagReader {
-    BagReader::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing")).unwrap()
+    BagReader::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../bags/swing")).unwrap()
 }
 
 fn model() -> Model {
-    Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
+    Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
 }
 
 fn decoded<T: Interface + DeserializeOwned>(message: &BagMessage) -> T {

@@ -9,14 +9,14 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 fn sample() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing/swing_0.mcap")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../bags/swing/swing_0.mcap")
 }
 
 /// Time of the recording, ns: that of the sample is simulated and begins near 0, where 0 is not far.
 const RECORDED_NS: u64 = 1_700_000_000_000_000_000;
 
 fn model() -> Model {
-    Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap()
+    Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
 }
 
 /// Copy of the sample bag in chunks of `chunk_bytes` (0: without chunks). `time` gives the log time of each message from its

@@ -43,7 +43,7 @@ fn node(name: &str, number: u16) -> Node {
 }
 
 fn sample() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../bags/swing")
 }
 
 fn pose(index: i64) -> PoseStamped {

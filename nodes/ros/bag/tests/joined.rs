@@ -27,7 +27,7 @@ struct Second {
 fn joined(folder: &Path, second: Second) -> PathBuf {
     let path = folder.join("joined");
     let mut bag = BagWriter::create(&path, &WriterOptions::default()).unwrap();
-    let sample = BagReader::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing")).unwrap();
+    let sample = BagReader::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../bags/swing")).unwrap();
     for (pass, changes) in [(0, Second { number: 0, later_ns: 0, aside_px: 0.0 }), (1, second)] {
         for message in sample.messages().map(Result::unwrap) {
             write(&mut bag, &message, pass * APART_NS, changes);
@@ -67,14 +67,14 @@ fn write(bag: &mut BagWriter, message: &BagMessage, log_later_ns: i64, changes: 
 }
 
 fn measured(bag: &Path, numbers: &[u32]) -> Result<MeasuredTrack, String> {
-    let model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
     let mut all = read_measured(&[bag.to_owned()], numbers, &model).map_err(|e| e.to_string())?;
     Ok(all.remove(0))
 }
 
 /// Number of the sample's episode.
 fn number() -> u32 {
-    let sample = BagReader::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing")).unwrap();
+    let sample = BagReader::open(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../bags/swing")).unwrap();
     sample.messages_of(&["/episode/event"]).next().unwrap().unwrap().decode::<EpisodeEvent>().unwrap().episode
 }
 

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Copy of the sample bag in its own folder.
 fn swing() -> (tempfile::TempDir, PathBuf) {
     let (folder, sample) =
-        (tempfile::tempdir().unwrap(), Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing"));
+        (tempfile::tempdir().unwrap(), Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../bags/swing"));
     let bag = folder.path().join("swing");
     std::fs::create_dir(&bag).unwrap();
     for name in ["metadata.yaml", "swing_0.mcap"] {

@@ -259,7 +259,7 @@ fn a_part_of_a_split_recording_names_the_latched_topics_that_it_lacks() {
     let told = latched_elsewhere(&BagReader::open(&part).unwrap()).unwrap();
     let lacking = "before number 2: no message of the latched topics /episode/event, /once; they come once";
     assert!(told.contains(lacking), "{told}");
-    let model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
     let refused = |bag: &PathBuf| read_measured(std::slice::from_ref(bag), &[], &model).unwrap_err().to_string();
     assert!(refused(&part).contains(lacking) && refused(&part).contains("no complete episode"), "{}", refused(&part));
     assert!(!refused(&whole).contains("latched"), "{}", refused(&whole));

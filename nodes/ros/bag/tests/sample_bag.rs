@@ -9,7 +9,7 @@ use catenary_core::Model;
 use std::path::{Path, PathBuf};
 
 fn sample() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../bags/swing")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../bags/swing")
 }
 
 fn messages(bag: &BagReader) -> Vec<BagMessage> {
@@ -31,7 +31,7 @@ fn the_committed_bag_equals_the_output_of_the_example() {
 
 #[test]
 fn episodes_are_chosen_by_bag_and_number() {
-    let model = Model::from_yaml(include_str!("../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
     let read = |bags: usize, numbers: &[u32]| read_measured(&vec![sample(); bags], numbers, &model);
     let last = read(1, &[]).unwrap();
     assert_eq!((last.len(), &read(1, &[0]).unwrap(), &read(1, &[swing::EPISODE]).unwrap()), (1, &last, &last));

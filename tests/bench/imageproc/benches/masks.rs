@@ -16,13 +16,13 @@ use imageproc::morphology::{close_mut, open_mut};
 use imageproc::region_labelling::{Connectivity, connected_components};
 use keypoint_tracker::TrackerParams;
 
-#[path = "../../../../nodes/keypoint_tracker/src/geometric_tracker/distance.rs"]
+#[path = "../../../../nodes/eyes/keypoint_tracker/src/geometric_tracker/distance.rs"]
 #[allow(dead_code, unused_imports, reason = "the tracker uses the rest")]
 mod distance;
-#[path = "../../../../nodes/camera/src/colour_segmenter/morphology.rs"]
+#[path = "../../../../nodes/eyes/camera/src/colour_segmenter/morphology.rs"]
 #[allow(dead_code, reason = "the segmenter uses the rest")]
 mod morphology;
-#[path = "../../../../nodes/keypoint_tracker/src/geometric_tracker/pieces.rs"]
+#[path = "../../../../nodes/eyes/keypoint_tracker/src/geometric_tracker/pieces.rs"]
 #[allow(dead_code, unused_imports, reason = "the tracker uses the rest")]
 mod pieces;
 

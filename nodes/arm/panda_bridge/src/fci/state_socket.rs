@@ -6,7 +6,7 @@
 //! connection on, before a motion can begin. `connect()` would do this too, but a connected socket also reports the ICMP messages that a
 //! closed port sends, on which franka-rs ends the connection.
 //!
-//! franka-rs 0.4.0 has no access to its socket. `nodes/panda_bridge/patches` has a change for it that makes this file superfluous.
+//! franka-rs 0.4.0 has no access to its socket. `nodes/arm/panda_bridge/patches` has a change for it that makes this file superfluous.
 
 use super::own_sockets::own_sockets;
 use franka::wire::robot::{v5, v10};

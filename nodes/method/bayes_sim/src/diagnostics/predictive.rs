@@ -266,7 +266,7 @@ mod tests {
         };
         assert_eq!(of(End::LeftWorkspace, &CAMERA, &measured), Err(Unchecked::NoDraw));
         // A camera that looks away from the plane.
-        let pinhole = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+        let pinhole = include_str!("../../../../../launch_configs/models/soft_bar.yaml");
         let mut away = catenary_core::Model::from_yaml(pinhole).unwrap().camera.view;
         if let Camera::Pinhole(p) = &mut away {
             p.look_at_m = std::array::from_fn(|i| 2.0 * p.position_m[i] - p.look_at_m[i]);

@@ -91,7 +91,7 @@ mod tests {
 
     /// Camera without perspective: a square of 2 m about the origin.
     fn camera() -> Camera {
-        let model = include_str!("../../../../launch_configs/models/measured_cable.yaml");
+        let model = include_str!("../../../../../launch_configs/models/measured_cable.yaml");
         crate::Model::from_yaml(model).unwrap().camera.view
     }
 

@@ -41,7 +41,7 @@ fn log() -> EpisodeLog {
 }
 
 fn model() -> Model {
-    Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
+    Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap()
 }
 
 #[test]

@@ -52,7 +52,7 @@ mod tests {
 
     #[test]
     fn a_task_file_replaces_the_task_and_the_law_that_it_gives() {
-        let text = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+        let text = include_str!("../../../../../launch_configs/models/soft_bar.yaml");
         let model = Model::from_yaml(text).unwrap();
         let file = TaskFile::from_yaml(TEXT).unwrap();
         let settled = file.applied_to(&model);

@@ -4,8 +4,8 @@ use crate::camera::{Pinhole, Plane};
 use crate::task::Workspace;
 use proptest::prelude::*;
 
-const SOFT_BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
-const CABLE: &str = include_str!("../../../../launch_configs/models/measured_cable.yaml");
+const SOFT_BAR: &str = include_str!("../../../../../launch_configs/models/soft_bar.yaml");
+const CABLE: &str = include_str!("../../../../../launch_configs/models/measured_cable.yaml");
 
 /// Text that identifies every bit: `{:?}` prints the shortest decimal that reads back as the same number.
 fn bits(model: &Model) -> String {

@@ -118,7 +118,7 @@ mod tests {
     /// Parameters with linear and logarithmic priors, and an effect, at bounds and within, known well and badly.
     #[test]
     fn every_estimate_lies_in_its_interval() {
-        let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        let model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         let prior = Prior::LogUniform { low: 1e-3, high: 0.1 };
         let effect = track_fit::data::Candidate { prior, ..toy::candidate("tip_mass_kg") };
         let simulator = Toy { gain: 0.3 };

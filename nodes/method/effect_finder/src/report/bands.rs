@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn a_band_holds_nine_tenths_of_the_predictions() {
-        let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        let model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         let track = |i: usize| {
             let dlo = [[0.001 * i as f64, 0.0]; 4];
             let frame = Frame { time_s: 0.0, dlo, target: [0.0; 2], eef: [0.0; 3], action: [0.0; 2], wrench: None };

@@ -70,7 +70,7 @@ mod tests {
     use track_fit::toy;
 
     fn model() -> Model {
-        Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
+        Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap()
     }
 
     #[test]
@@ -126,7 +126,7 @@ mod tests {
         assert!((ratio - own.hypot(0.03) / own).abs() < 1e-9, "{ratio}");
         let (low, high) = last.prior.bounds();
         assert!(low == -0.02 && (high - 0.034).abs() < 1e-3, "{low} to {high}");
-        let text = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+        let text = include_str!("../../../../../launch_configs/models/soft_bar.yaml");
         let written = repaired.rewrite(text).unwrap();
         assert!(written.contains("# A soft silicone bar"), "the user's words stay");
         assert_eq!(Model::from_yaml(&written).unwrap(), repaired);

@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn motions_stay_in_the_workspace_and_differ() {
-        let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        let model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         let task = model.task.unwrap();
         let motions: Vec<_> = (0..20).map(|i| motion(&model, &task, &mut seed::rng(5, i))).collect();
         for actions in &motions {

@@ -141,7 +141,7 @@ mod tests {
     /// Model with two effects. The first changes the data like `alike` times the stiffness and the episode's own
     /// unknown.
     fn found(alike: f64, spread: Vec<f64>) -> Hypothesis {
-        let model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        let model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         let prior = Prior::Uniform { low: -0.02, high: 0.02 };
         let candidate = |name: &str| Candidate {
             name: name.into(),

@@ -372,7 +372,7 @@ mod tests {
 
     /// Model that draws friction anew for each episode.
     fn model() -> Model {
-        let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        let mut model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         model.effects.retain(|e| e.name == "table_friction");
         model.camera.position_jitter_m = 0.0;
         model

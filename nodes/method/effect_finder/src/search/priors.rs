@@ -124,7 +124,7 @@ mod tests {
     /// Model that draws friction anew for each episode, with this prior of the length.
     fn model(low: f64, high: f64) -> Model {
         let mut model =
-            Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).expect("it is valid");
+            Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).expect("it is valid");
         model.effects.retain(|e| e.name == FRICTION);
         model.camera.position_jitter_m = 0.0;
         let mut parameters = model.theta.parameters().to_vec();

@@ -42,7 +42,7 @@ impl Simulator for Stick {
 }
 
 fn model() -> Model {
-    let text = include_str!("../../../../launch_configs/models/soft_bar_place.yaml");
+    let text = include_str!("../../../../../launch_configs/models/soft_bar_place.yaml");
     Model::from_yaml(text).unwrap()
 }
 

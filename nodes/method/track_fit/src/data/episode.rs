@@ -222,7 +222,7 @@ pub(super) mod tests {
 
     /// Episode of a hanging bar, five frames long.
     pub fn bar_episode(drive: DriveKind) -> MeasuredEpisode {
-        let mut model = Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+        let mut model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
         model.observation.drive = drive;
         let measured = MeasuredTrack {
             name: "episode of a bar".into(),

@@ -324,7 +324,7 @@ mod tests {
     use super::*;
 
     fn model() -> Model {
-        Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml")).unwrap()
+        Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap()
     }
 
     fn candidate(name: &str) -> Candidate {

@@ -26,7 +26,7 @@ const TURN_NS: i64 = 1_000_000;
 
 /// Model whose camera observes the episode.
 pub fn model() -> Model {
-    Model::from_yaml(include_str!("../../../../launch_configs/models/soft_bar.yaml"))
+    Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml"))
         .expect("the shipped model is valid")
 }
 

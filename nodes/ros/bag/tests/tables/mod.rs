@@ -3,8 +3,8 @@
 
 use std::fmt::Write;
 
-pub const CABLE: &str = include_str!("../../../../launch_configs/models/measured_cable.yaml");
-pub const BAR: &str = include_str!("../../../../launch_configs/models/soft_bar.yaml");
+pub const CABLE: &str = include_str!("../../../../../launch_configs/models/measured_cable.yaml");
+pub const BAR: &str = include_str!("../../../../../launch_configs/models/soft_bar.yaml");
 
 /// CSV text of a swinging cable at 30 Hz, from `start_s` on.
 pub fn track(start_s: f64, rows: usize) -> String {

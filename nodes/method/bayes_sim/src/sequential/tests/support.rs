@@ -146,7 +146,7 @@ impl Simulator for Mapped<'_> {
 
 #[test]
 fn a_user_hears_of_a_pressed_edge_or_of_the_moves_of_the_support() {
-    let model = Model::from_yaml(include_str!("../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
+    let model = Model::from_yaml(include_str!("../../../../../../launch_configs/models/soft_bar.yaml")).unwrap();
     let measured = MeasuredTrack {
         name: "toy episode".into(),
         track: TOY.track(&[1.2, 0.5], 5),

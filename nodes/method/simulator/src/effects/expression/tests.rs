@@ -10,7 +10,7 @@ use crate::parameters::tests::soft_bar;
 use catenary_core::simulator::{DifferentiableSimulator, Drive};
 use catenary_core::{GripPose, GripTrajectory, Model, SimulationRequest, Simulator, Track};
 
-const SOFT_BAR: &str = include_str!("../../../../../launch_configs/models/soft_bar.yaml");
+const SOFT_BAR: &str = include_str!("../../../../../../launch_configs/models/soft_bar.yaml");
 
 /// Shipped bar without a table, with one expression of the given fields.
 fn stating(fields: &str) -> String {
