@@ -1,7 +1,7 @@
 //! Fidelity correction of a fit: the discretisation error of the coarse simulation, taken out at the best fit.
 
 use super::excess::leaves_more_than_noise;
-use super::multi_start::{fit_among_draws, search_further};
+use super::multi_start::{fit_among_draws, search_further, search_within_noise};
 use super::problem::{Fit, OnRound, Problem, Start};
 use crate::data::MeasuredEpisode;
 use crate::error::FitError;
@@ -37,6 +37,9 @@ pub struct CorrectedFit {
     pub correction: FidelityCorrection,
 }
 
+/// Cost for each residual, in variances of the noise, below which a fit lies far within the noise.
+const WITHIN_NOISE: f64 = 0.5;
+
 /// Best fit of the present model, from `known` points and draws, with its fidelity correction. Returns the rough fit early
 /// if it already shows that the discretisation error is too large and there is a fallback fidelity.
 ///
@@ -60,7 +63,11 @@ pub fn calibrated(
             return Ok(coarse);
         }
     }
-    let fit = search_further(problem, rough, settings, on_round)?;
+    let mut fit = search_further(problem, rough, settings, on_round)?;
+    // A fit far within the noise says that the noise is stated too large, so that it cannot tell when to stop.
+    if fit.cost < WITHIN_NOISE * fit.residuals.len() as f64 {
+        fit = search_within_noise(problem, fit, settings, on_round)?;
+    }
     corrected_fit(problem, fit, finer, on_round)
 }
 
