@@ -210,8 +210,8 @@ def cases(arguments, out):
             yield f"world_{world}", bag, model
 
 
-def finder_rmse_mm(name, bag, model, out):
-    """Error in mm of the fit of `catenary find-effects`, which may add nothing to the model."""
+def finder_fit(name, bag, model, out):
+    """Error in mm of the fit of `catenary find-effects`, which may add nothing to the model, and its cost with the noise that it used."""
     alone, found = out / f"{name}_alone.yaml", out / f"{name}_finder"
     if not (found / "verdict.json").exists():
         effects = [effect["name"] for effect in json.loads(program("effects", "--json"))]
@@ -220,7 +220,8 @@ def finder_rmse_mm(name, bag, model, out):
         content["lacking"] = {"vetoes": [effect for effect in effects if effect not in taken]}
         alone.write_text(yaml.safe_dump(content, sort_keys=False))
         program("find-effects", bag, "--model", alone, "--null-sets", 19, "--out", found)
-    return json.loads((found / "verdict.json").read_text())["present"]["rmse_mm"]
+    verdict = json.loads((found / "verdict.json").read_text())
+    return verdict["present"]["rmse_mm"], verdict["present"]["test"]["statistic"], verdict["noise"]["used_px"]
 
 
 def row_of(name, bag, model, out, steps, fits, seed=1):
@@ -236,6 +237,7 @@ def row_of(name, bag, model, out, steps, fits, seed=1):
     rmse_mm = simulator.rmse_mm(at)
     simulator.close()
     own = answer["refinement"]
+    finder_mm, cost, used_px = finder_fit(name, bag, model, out)
     sampled = {} if draws is None else compared(simulator, *draws, refined, alone, seed)
     return (
         {"case": name}
@@ -243,9 +245,11 @@ def row_of(name, bag, model, out, steps, fits, seed=1):
         | {
             "cost": own["best_fit_residual"] * simulator.head["measured"],
             "cost_cma": float(least),
+            # In variances of the same noise; priors of what is drawn for each episode count little.
+            "cost_finder": cost * (used_px / own["noise"]["used_px"]) ** 2,
             "rmse_mm": own["best_fit_rmse_mm"],
             "rmse_cma_mm": rmse_mm,
-            "rmse_finder_mm": finder_rmse_mm(name, bag, model, out),
+            "rmse_finder_mm": finder_mm,
             "predictive_mm": (answer["predictive"] or {}).get("rmse_mm"),
             "networks_mm": own["networks_rmse_mm"],
             "wall_s": answer["wall_s"],

@@ -13,6 +13,7 @@ use std::io::{BufRead, Read, Write, stdin, stdout};
 use std::path::Path;
 use track_fit::data::{MeasuredEpisode, Unknowns, rmse_mm};
 use track_fit::fitting::Problem;
+use track_fit::noise::KeypointNoise;
 
 /// Most bytes of a line of points. It bounds the memory that a caller can claim.
 const LONGEST: u64 = 16 << 20;
@@ -31,7 +32,7 @@ struct Head<'a> {
 /// Costs of the points of a line, and their distances from the recording.
 #[derive(Serialize)]
 struct Costs {
-    /// Sum of squared residuals in variances of the stated noise, with those of Gaussian priors; none for a point that cannot be simulated.
+    /// Sum of squared residuals in variances of the noise, with those of Gaussian priors; none for a point that cannot be simulated.
     costs: Vec<Option<f64>>,
     /// Root mean square distance of keypoints, mm.
     rmse_mm: Vec<Option<f64>>,
@@ -47,21 +48,23 @@ struct Inference {
 struct Refinement {
     best_fit: Vec<Fitted>,
     is_corrected: bool,
+    noise: Option<KeypointNoise>,
 }
 
 /// Reads a line of points in unit coordinates, a JSON array of arrays, and prints a line with their costs, until stdin ends.
 pub fn run(arguments: &CostsArgs) -> Result<()> {
-    let model = model_file::read(&arguments.model)?;
+    let stated = model_file::read(&arguments.model)?;
+    let known = arguments.corrected_at.as_deref().map(refinement).transpose()?;
+    // Costs of one noise are not those of another.
+    let noise = known.as_ref().and_then(|known| known.noise);
+    let model = noise.map_or_else(|| stated.clone(), |noise| noise.model(&stated));
     let measured = read_measured(arguments.bags.all(), &[], &model)?;
     let settings = track_fit::Settings { fidelity: Fidelity::Standard, ..track_fit::Settings::default() };
     let episodes = measured.iter().map(|m| MeasuredEpisode::new(&model, m, &settings)).collect::<Result<Vec<_>, _>>();
     let episodes = episodes.given()?;
     let simulator = BeamSimulator::new(&model, workers::available())?;
     let problem = Problem::of(&model, &episodes, &simulator, 1);
-    let corrected = match &arguments.corrected_at {
-        Some(path) => corrected_at(path, &problem)?,
-        None => None,
-    };
+    let corrected = known.map(|known| corrected_at(&known, &problem)).transpose()?.flatten();
     let problem = Problem { episodes: corrected.as_deref().unwrap_or(&episodes), ..problem };
     let unknowns = &problem.unknowns;
     let name_of = |column: usize| unknowns.at(column).map_or("", |unknown| unknown.name.as_str());
@@ -89,14 +92,18 @@ pub fn run(arguments: &CostsArgs) -> Result<()> {
     }
 }
 
-/// Episodes with the correction of an inference's best fit; none if it has none.
-fn corrected_at(path: &Path, problem: &Problem<'_>) -> Result<Option<Vec<MeasuredEpisode>>> {
+/// Refinement of an inference.
+fn refinement(path: &Path) -> Result<Refinement> {
     let name = path.display();
     let bytes = catenary_shell::files::read_bytes("inference", path).given()?;
     let inference: Inference = serde_json::from_slice(&bytes).with_context(|| name.to_string()).given()?;
-    let refinement = inference.refinement.with_context(|| format!("{name}: refinement: expected one")).given()?;
+    inference.refinement.with_context(|| format!("{name}: refinement: expected one")).given()
+}
+
+/// Episodes with the correction of an inference's best fit; none if it has none.
+fn corrected_at(refinement: &Refinement, problem: &Problem<'_>) -> Result<Option<Vec<MeasuredEpisode>>> {
     let point = point_of(&problem.unknowns, problem.episodes.len(), &refinement.best_fit)
-        .with_context(|| format!("{name}: refinement.best_fit"))
+        .context("--corrected-at: refinement.best_fit")
         .given()?;
     Ok(refinement.is_corrected.then(|| problem.corrected_episodes(&point, Fidelity::Reference)).transpose()?)
 }
