@@ -87,8 +87,9 @@ fn by_verdict(finding: &Finding, episodes: usize) -> Vec<String> {
                 sentences.extend(finding.verification.as_ref().and_then(closes_nothing));
             } else {
                 let nearest = groups(finding, &finding.nearest);
+                let (are, leave) = if finding.nearest.len() == 1 { ("is", "leaves") } else { ("are", "leave") };
                 sentences.push(format!(
-                    "Nearest is {nearest}, which leaves a residual and may only imitate what is missing."
+                    "Nearest {are} {nearest}, which {leave} a residual and may only imitate what is missing."
                 ));
                 sentences.push(repair(finding, episodes));
             }

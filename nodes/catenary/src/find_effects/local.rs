@@ -24,7 +24,7 @@ use std::time::Instant;
 /// Files of a search: the verdict, the repaired model, the report.
 const FILES: [&str; 3] = ["verdict.json", "model.yaml", "report/index.html"];
 /// Model with the effects nearest to what is missing, where there are such.
-const NEAREST: &str = "nearest.yaml";
+pub const NEAREST: &str = "nearest.yaml";
 /// File for the simulator's answers, kept until a search has ended.
 const JOURNAL: &str = "search.journal";
 
@@ -165,7 +165,7 @@ fn search(
 }
 
 /// Writes the model with the nearest effects, or removes that of an earlier search.
-fn write_nearest(path: &Path, model: Option<String>) -> Result<()> {
+pub fn write_nearest(path: &Path, model: Option<String>) -> Result<()> {
     match model {
         Some(text) => files::write(path, text)?,
         None if path.exists() => std::fs::remove_file(path).with_context(|| path.display().to_string())?,

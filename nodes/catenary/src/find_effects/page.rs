@@ -71,12 +71,10 @@ pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<St
 /// Reasons for doubt: alternatives, trade-offs, and parameters at the edge of their priors.
 fn doubts(finding: &Finding) -> Vec<String> {
     let mut doubts = Vec::new();
-    if finding.found.iter().any(|alike| alike.len() > 1) {
-        let groups: Vec<String> = finding
-            .found
-            .iter()
-            .map(|alike| alike.iter().map(|n| titles(n)).collect::<Vec<_>>().join(" or "))
-            .collect();
+    let told = if finding.found.is_empty() { &finding.nearest } else { &finding.found };
+    if told.iter().any(|alike| alike.len() > 1) {
+        let groups: Vec<String> =
+            told.iter().map(|alike| alike.iter().map(|n| titles(n)).collect::<Vec<_>>().join(" or ")).collect();
         // Only a motion that does separate them is worth a hint.
         let motion = finding.separation.as_ref().filter(|s| s.separates());
         let hint = motion.map_or("", |_| " The motion in separating_motion.csv would separate them.");
@@ -88,6 +86,11 @@ fn doubts(finding: &Finding) -> Vec<String> {
             Some(words) => format!("The recordings {words}: measure one of them."),
             None => format!("The {a} and the {b} trade off (correlation {:.2}): measure one of them.", t.correlation),
         });
+    }
+    if !finding.nearest.is_empty() {
+        let words =
+            "The repaired model below is that with the nearest effects (nearest.yaml); model.yaml has none of them.";
+        doubts.push(words.into());
     }
     // The answer itself names what a prior that is too narrow presses.
     let pressing = pressing(finding);

@@ -57,6 +57,9 @@ impl Report {
             let size = self.finding.hidden_gap_mm.map_or("a gap".into(), |mm| format!("a gap of up to {mm:.1} mm"));
             lines.push(format!("{size} may hide in the stated noise"));
         }
+        if !self.finding.nearest.is_empty() {
+            lines.push("nearest.yaml is the model with the nearest effects; model.yaml has none of them".into());
+        }
         lines.push(format!("report: {}", page.display()));
         lines.join("\n")
     }

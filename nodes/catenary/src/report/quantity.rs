@@ -37,7 +37,8 @@ pub fn capital(text: &str) -> String {
 /// Text with the title of a parameter in place of its name, if it begins with that, as warnings about a parameter do.
 pub fn titled(text: &str) -> String {
     let Some((name, rest)) = text.split_once(": ") else { return text.to_owned() };
-    match CATALOGUE.iter().any(|p| p.name == name) || Registry::complete().find(name).is_some() {
+    let is_stated = STATED.read().unwrap_or_else(PoisonError::into_inner).contains_key(name);
+    match is_stated || CATALOGUE.iter().any(|p| p.name == name) || Registry::complete().find(name).is_some() {
         true => format!("{}: {rest}", Quantity::of(name).title),
         false => text.to_owned(),
     }

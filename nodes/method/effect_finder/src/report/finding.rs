@@ -223,6 +223,8 @@ impl Finding {
         match evidence.repair.as_ref().and_then(|repair| repair.objection(settings)) {
             None => (),
             Some(Objection::LessLikely(_)) => self.withdraw(),
+            // Within a prior that is too narrow, effects that leave a residual are no alternative.
+            Some(Objection::Residual) if self.verdict == Verdict::PriorTooNarrow => self.found.clear(),
             Some(Objection::Residual) => {
                 self.nearest = std::mem::take(&mut self.found);
                 self.refute();

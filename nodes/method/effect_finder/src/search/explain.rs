@@ -96,7 +96,6 @@ impl Search<'_> {
         match evidence.objection(self.settings) {
             None => outcome.model = Some(model),
             Some(objection) => {
-                outcome.finding.discrepancy = likeliest_discrepancy(&best, baseline);
                 outcome.nearest = Some(model);
                 self.reporter.conclude(Stage::Verify, sentences::objected(objection, &best, rmse_mm))?;
             }
