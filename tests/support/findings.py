@@ -7,6 +7,7 @@ def row_of(verdict):
     return {
         "verdict": verdict["verdict"],
         "found": verdict["found"],
+        "nearest": verdict.get("nearest", []),
         "values": [{key: e[key] for key in ("name", "value", "sd")} for one in first for e in one["effects"]],
         "p_value": verdict["present"]["test"]["p_value"],
         "null_sets": len(verdict["present"]["test"]["null"]),
@@ -23,7 +24,8 @@ def row_of(verdict):
 
 def text(row, title):
     """Lines for a person."""
-    names = ", ".join(" or ".join(alike) for alike in row["found"]) or "nothing"
+    listed = lambda groups: ", ".join(" or ".join(alike) for alike in groups)
+    names = listed(row["found"]) or (f"nearest {listed(row['nearest'])}" if row["nearest"] else "nothing")
     values = ", ".join(f"{v['name']} {v['value']:.3g} +- {v['sd']:.2g}" for v in row["values"])
     arrow = lambda pair: "-" if pair is None else " -> ".join("-" if v is None else f"{v:.1f}" for v in pair) + " mm"
     # The least p-value is a bound.

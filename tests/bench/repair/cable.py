@@ -11,7 +11,7 @@ Searches, from a model without tip mass, damping and rest curvature:
 
 1. The two motions of the bare cable are searched, each with the other held out. The model is launch_configs/models/measured_cable.yaml
    without rest curvature, without damping (in bending, between strands, in the air) and without the mass of the markers.
-2. The motions with a mass at the tip are searched with the model that the repair of the bare swing gave, each with the other held out.
+2. The motions with a mass at the tip are searched with the model that the repair of the bare swing gave, or the nearest effects, each with the other held out.
 3. The same searches run with the bending stiffness of that model free again: mass and stiffness trade off, which the search has to say.
 
 Each search is compared with the posterior of the same recording, where they have a parameter in common.
@@ -134,9 +134,11 @@ def searches(arguments, known):
             for posterior in (p for p in known if (p["motion"], p["state"], p["compared"]) == (motion, state, "keypoints")):
                 tell_agreement(arguments, labels, posterior, verdict)
             if (model, motion) == (straight, SWING):
-                if row["verdict"] not in rows.NAMED:
+                # Where a residual is left, the nearest effects are all that is known.
+                added = found / ("nearest.yaml" if row["nearest"] else "model.yaml")
+                if row["verdict"] not in rows.NAMED and not row["nearest"]:
                     sys.exit(f"{found}: the verdict is {row['verdict']}, so there is no repaired model to search with")
-                shutil.copy(found / "model.yaml", repaired)
+                shutil.copy(added, repaired)
                 loosened(free, repaired)
 
 
