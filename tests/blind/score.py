@@ -119,7 +119,7 @@ def of_structured(rows):
     is_none = lambda row: row["verdict"] == "none_of_these"
     # Beside effects, just these are named or nearest, and a residual is reported.
     nearest = lambda row: sorted(alike[0] for alike in row.get("nearest", []))
-    is_in_part = lambda row: row["left"] and (row["top_1"] or bool(row["hidden"]) and nearest(row) == row["hidden"])
+    is_in_part = lambda row: row["left"] and (row["top_1"] or (bool(row["hidden"]) and nearest(row) == row["hidden"]))
     alone, beside = [[row for row in rows if bool(row["hidden"]) == with_effects] for with_effects in (False, True)]
     kind_of = lambda row: row["unlisted"]["name"]
     ruled = lambda some: [row for row in some if kind_of(row) in RULED]

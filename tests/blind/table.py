@@ -50,7 +50,7 @@ def text_of_structured(structured, templates):
     lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in structured["each"].items()]
     for count, row in structured["beside"].items():
         in_part, left, false = (percent(row[key]) for key in ("in_part", "left", "false"))
-        lines.append(f"a residual beside {count} effects  named or nearest, with a residual {in_part}, residual left {left}, false names {false}")
+        lines.append(f"a residual beside {count} effects  named or nearest {in_part}, residual left {left}, false names {false}")
     lines += [f"  {name}  {percent(row)}{counted(row['instead'])}" for name, row in structured["each_beside"].items()]
     told, hook, place = (percent(templates[key]) for key in ("told", "hook", "place"))
     lines.append(f"templates  told {told}, right part of the simulator {hook}, place within a tenth of the length {place}")

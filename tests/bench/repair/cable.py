@@ -11,7 +11,8 @@ Searches, from a model without tip mass, damping and rest curvature:
 
 1. The two motions of the bare cable are searched, each with the other held out. The model is launch_configs/models/measured_cable.yaml
    without rest curvature, without damping (in bending, between strands, in the air) and without the mass of the markers.
-2. The motions with a mass at the tip are searched with the model that the repair of the bare swing gave, or the nearest effects, each with the other held out.
+2. The motions with a mass at the tip are searched with the model that the repair of the bare swing gave, or its nearest effects, each
+   with the other held out.
 3. The same searches run with the bending stiffness of that model free again: mass and stiffness trade off, which the search has to say.
 
 Each search is compared with the posterior of the same recording, where they have a parameter in common.
