@@ -62,10 +62,7 @@ pub fn search_further(
         if !leaves_more_than_noise(&best) {
             break;
         }
-        let fit = match further_fit(problem, &best.point, settings, search, on_round) {
-            Err(FitError::NoFit(_)) => continue,
-            other => other?,
-        };
+        let Some(fit) = further_fit(problem, &best.point, settings, search, on_round)? else { continue };
         let is_less = fit.cost < LEFT * best.cost;
         best = if fit.cost < best.cost { fit } else { best };
         // A continuation that brings nothing does not rule out that new draws do.
@@ -92,12 +89,8 @@ pub fn search_within_noise(
         if best.cost < NOTHING * best.residuals.len() as f64 {
             break;
         }
-        match further_fit(problem, &best.point, settings, search, on_round) {
-            Err(FitError::NoFit(_)) => (),
-            Err(other) => return Err(other),
-            Ok(fit) if fit.cost < best.cost => best = fit,
-            Ok(_) => (),
-        }
+        let fit = further_fit(problem, &best.point, settings, search, on_round)?;
+        best = fit.filter(|fit| fit.cost < best.cost).unwrap_or(best);
     }
     Ok(best)
 }
@@ -116,21 +109,26 @@ pub fn fit_among_draws(
     problem.best_of(points, settings.starts, on_round)
 }
 
-/// Further search for the best fit, given the point `best`. Search number 1 is the continuation.
+/// Further search for the best fit, given the point `best`; none if no start of it can be simulated. Search number 1 is the
+/// continuation.
 fn further_fit(
     problem: &Problem<'_>,
     best: &[f64],
     settings: &Settings,
     search: u64,
     on_round: OnRound<'_>,
-) -> Result<Fit, FitError> {
+) -> Result<Option<Fit>, FitError> {
     let (known, mut rng) = (vec![best.to_vec()], search_rng(settings, search));
-    let mut points = match search {
-        1 => continuation(problem, known.clone(), settings, &mut rng, on_round)?,
-        _ => draws(problem, &known, settings, &mut rng),
+    let points = match search {
+        1 => continuation(problem, known.clone(), settings, &mut rng, on_round),
+        _ => Ok(draws(problem, &known, settings, &mut rng)),
     };
-    points.extend(known);
-    problem.best_of(points, settings.starts, on_round)
+    let fit =
+        points.and_then(|points| problem.best_of(points.into_iter().chain(known).collect(), settings.starts, on_round));
+    match fit {
+        Err(FitError::NoFit(_)) => Ok(None),
+        other => other.map(Some),
+    }
 }
 
 /// Random numbers of a search for the best fit.
