@@ -7,6 +7,8 @@
     reason = "a test reads the workspace, and a failure is a panic"
 )]
 
+mod workspace;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
@@ -246,18 +248,13 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn no_file_imports_one_that_imports_it() {
-    let nodes = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let below = |folder: &Path| -> Vec<PathBuf> {
-        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir()).collect()
-    };
-    let groups = below(&nodes);
-    let crates: Vec<PathBuf> = groups.iter().cloned().chain(groups.iter().flat_map(|group| below(group))).collect();
-    let crates: Vec<&PathBuf> = crates.iter().filter(|folder| folder.join("Cargo.toml").exists()).collect();
+    let nodes = workspace::root().join("nodes");
+    let crates = workspace::places();
     // Guards against a search that finds nothing and therefore passes.
     assert!(crates.len() > 15, "found {} crates: the search is broken", crates.len());
     let mut found = Vec::new();
-    for folder in crates {
-        for circle in circles(&folder.join("src")) {
+    for place in crates.values() {
+        for circle in circles(&nodes.join(place).join("src")) {
             let names: Vec<String> =
                 circle.iter().map(|f| f.strip_prefix(&nodes).unwrap().display().to_string()).collect();
             found.push(names.join(", "));

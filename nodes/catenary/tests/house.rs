@@ -6,10 +6,13 @@
     reason = "a test reads the workspace, and a failure is a panic"
 )]
 
+mod workspace;
+
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use workspace::{packages, places, root, text};
 
 const ALGORITHMS: [&str; 12] = [
     "camera",
@@ -45,35 +48,6 @@ const STREET: [(&str, &[&str]); 5] = [
 /// Imports of node shells beyond the street: the cell's arm passes the gate of the bridge, so that simulated and real targets are
 /// refused alike.
 const LANES: [(&str, &str); 1] = [("cell/simulated_cell", "arm/panda_bridge")];
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-fn text(value: &Value) -> String {
-    value.as_str().unwrap().to_owned()
-}
-
-/// Packages of the workspace.
-fn packages() -> Vec<Value> {
-    let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--no-deps", "--format-version", "1"])
-        .current_dir(root())
-        .output()
-        .unwrap();
-    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
-    metadata["packages"].as_array().unwrap().clone()
-}
-
-/// Folder of each crate below `nodes/`: "method/core", or "catenary".
-fn places() -> BTreeMap<String, String> {
-    let place = |package: &Value| {
-        let manifest = text(&package["manifest_path"]);
-        let folder = Path::new(&manifest).parent().unwrap().to_str().unwrap();
-        folder.rsplit_once("/nodes/").map(|(_, place)| (text(&package["name"]), place.to_owned()))
-    };
-    packages().iter().filter_map(place).collect()
-}
 
 /// Dependencies of each workspace crate on other workspace crates: name, and true if optional. Dev-dependencies do not
 /// count, because they reach no shipped code.
