@@ -56,8 +56,10 @@ pub fn run(arguments: &CostsArgs) -> Result<()> {
     let stated = model_file::read(&arguments.model)?;
     let known = arguments.corrected_at.as_deref().map(refinement).transpose()?;
     // Costs of one noise are not those of another.
-    let noise = known.as_ref().and_then(|known| known.noise);
-    let model = noise.map_or_else(|| stated.clone(), |noise| noise.model(&stated));
+    let model = match known.as_ref().and_then(|known| known.noise) {
+        Some(noise) => noise.model(&stated),
+        None => stated,
+    };
     let measured = read_measured(arguments.bags.all(), &[], &model)?;
     let settings = track_fit::Settings { fidelity: Fidelity::Standard, ..track_fit::Settings::default() };
     let episodes = measured.iter().map(|m| MeasuredEpisode::new(&model, m, &settings)).collect::<Result<Vec<_>, _>>();

@@ -136,6 +136,11 @@ pub fn most_probable(finding: &Finding) -> Vec<&str> {
     first_of_each(&finding.found).collect()
 }
 
+/// Groups of the effects that the repaired model has: the named ones, or the nearest.
+pub fn repaired_with(finding: &Finding) -> &[Vec<String>] {
+    if finding.found.is_empty() { &finding.nearest } else { &finding.found }
+}
+
 /// Names of the first effects of each group.
 fn first_of_each(groups: &[Vec<String>]) -> impl Iterator<Item = &str> {
     groups.iter().filter_map(|alike| alike.first()).flat_map(|names| names.split(" + "))
@@ -187,8 +192,7 @@ fn groups(finding: &Finding, groups: &[Vec<String>]) -> String {
 /// Sentence on the errors before and after the repair.
 fn repair(finding: &Finding, episodes: usize) -> String {
     let Some(repaired) = &finding.repaired else { return String::new() };
-    let count = first_of_each(&finding.found).chain(first_of_each(&finding.nearest)).count();
-    let with = if count > 1 { "them" } else { "it" };
+    let with = if first_of_each(repaired_with(finding)).count() > 1 { "them" } else { "it" };
     let change = |before: f64, after: f64| {
         // A repair may raise the error on held-out episodes, and the sentence must not hide it.
         let verb = if after < before { "falls" } else { "goes" };

@@ -2,6 +2,7 @@
 
 use super::args::FindEffectsArgs;
 use super::motion;
+use super::optional;
 use super::page::page;
 use super::report::{Report, UsedEpisode};
 use crate::exit::{Given, Interrupted, Misfit};
@@ -23,8 +24,6 @@ use std::time::Instant;
 
 /// Files of a search: the verdict, the repaired model, the report.
 const FILES: [&str; 3] = ["verdict.json", "model.yaml", "report/index.html"];
-/// Model with the effects nearest to what is missing, where there are such.
-pub const NEAREST: &str = "nearest.yaml";
 /// File for the simulator's answers, kept until a search has ended.
 const JOURNAL: &str = "search.journal";
 
@@ -110,7 +109,7 @@ pub fn run(arguments: &FindEffectsArgs, model: &Model, text: &str) -> Result<()>
     };
     motion::write(&arguments.out, report.finding.separation.as_ref().map_or(&[], |s| &s.actions))?;
     write(&arguments.out, [serde_json::to_string_pretty(&report)?, text, page(&report, model, &shown)?])?;
-    write_nearest(&arguments.out.join(NEAREST), nearest)?;
+    optional::write(&arguments.out.join(optional::NEAREST), nearest)?;
     journal.remove();
     output::result(&arguments.output, &report, |r| r.words(&arguments.out.join(FILES[2])))?;
     Misfit::check(report.finding.misfit.as_ref(), &arguments.out)
@@ -162,16 +161,6 @@ fn search(
     });
     bar.finish_and_clear();
     found
-}
-
-/// Writes the model with the nearest effects, or removes that of an earlier search.
-pub fn write_nearest(path: &Path, model: Option<String>) -> Result<()> {
-    match model {
-        Some(text) => files::write(path, text)?,
-        None if path.exists() => std::fs::remove_file(path).with_context(|| path.display().to_string())?,
-        None => (),
-    }
-    Ok(())
 }
 
 fn write(folder: &Path, texts: [String; 3]) -> Result<()> {

@@ -5,6 +5,7 @@ pub mod args;
 mod local;
 mod motion;
 mod on_graph;
+mod optional;
 mod page;
 mod report;
 

@@ -1,8 +1,8 @@
 //! Work of `find-effects --node`, done by the effect finder of a running graph.
 
 use super::args::FindEffectsArgs;
-use super::local::{NEAREST, write_nearest};
 use super::motion;
+use super::optional;
 use crate::exit::Misfit;
 use crate::graph::request::{Answer, Request, absolute};
 use crate::terminal::{output, progress};
@@ -49,7 +49,7 @@ pub fn run(arguments: &FindEffectsArgs, model_yaml: String, namespace: &str) -> 
     ensure!(result.success, "{name}: {}", result.message);
     files::write(&path, &result.model_yaml)?;
     // The answer of a graph holds one model.
-    write_nearest(&arguments.out.join(NEAREST), None)?;
+    optional::write(&arguments.out.join(optional::NEAREST), None)?;
     // The message holds (dx, dz) of all steps as one list.
     let (actions, _) = result.separating_actions.as_chunks();
     motion::write(&arguments.out, actions)?;

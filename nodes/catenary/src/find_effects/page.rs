@@ -1,6 +1,6 @@
 //! HTML page of a search: the answer, its evidence, and the detectable sizes.
 
-use super::answer::{answer, most_probable, noise_words, pressing, times_the_noise};
+use super::answer::{answer, most_probable, noise_words, pressing, repaired_with, times_the_noise};
 use super::report::{Report, UsedEpisode};
 use crate::exit::Misfit;
 use crate::report::Page;
@@ -71,7 +71,7 @@ pub fn page(report: &Report, model: &Model, shown: &[EpisodeBands]) -> Result<St
 /// Reasons for doubt: alternatives, trade-offs, and parameters at the edge of their priors.
 fn doubts(finding: &Finding) -> Vec<String> {
     let mut doubts = Vec::new();
-    let told = if finding.found.is_empty() { &finding.nearest } else { &finding.found };
+    let told = repaired_with(finding);
     if told.iter().any(|alike| alike.len() > 1) {
         let groups: Vec<String> =
             told.iter().map(|alike| alike.iter().map(|n| titles(n)).collect::<Vec<_>>().join(" or ")).collect();

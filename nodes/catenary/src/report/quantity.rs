@@ -37,8 +37,10 @@ pub fn capital(text: &str) -> String {
 /// Text with the title of a parameter in place of its name, if it begins with that, as warnings about a parameter do.
 pub fn titled(text: &str) -> String {
     let Some((name, rest)) = text.split_once(": ") else { return text.to_owned() };
-    let is_stated = STATED.read().unwrap_or_else(PoisonError::into_inner).contains_key(name);
-    match is_stated || CATALOGUE.iter().any(|p| p.name == name) || Registry::complete().find(name).is_some() {
+    match stated(name).is_some()
+        || CATALOGUE.iter().any(|p| p.name == name)
+        || Registry::complete().find(name).is_some()
+    {
         true => format!("{}: {rest}", Quantity::of(name).title),
         false => text.to_owned(),
     }
@@ -56,11 +58,16 @@ pub fn learn_stated(model: &Model) {
     }
 }
 
+/// Quantity of an effect that a model of this process states.
+fn stated(name: &str) -> Option<Quantity> {
+    STATED.read().unwrap_or_else(PoisonError::into_inner).get(name).cloned()
+}
+
 impl Quantity {
     /// Quantity called `name` in model files. An unknown name is its own title.
     pub fn of(name: &str) -> Self {
-        if let Some(stated) = STATED.read().unwrap_or_else(PoisonError::into_inner).get(name) {
-            return stated.clone();
+        if let Some(stated) = stated(name) {
+            return stated;
         }
         let parameter = CATALOGUE.iter().find(|p| p.name == name).map(|p| (p.title, p.unit));
         let effect = || Registry::complete().find(name).map(|e| (e.about().title, e.about().unit));
